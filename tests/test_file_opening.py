@@ -28,6 +28,7 @@ LIBRARIES = {
     "sqlite3": ("connect",),
     "os": ("open",),
     "io": ("open", "open_code"),
+    "shutil": ("rmtree", "copyfile", "copy", "copy2", "copytree", "move"),
 }
 """Functions that open a file by its path."""
 CHECKED = {
@@ -37,6 +38,9 @@ CHECKED = {
     "guard/sandbox.py: _confine": "/proc",
     "studies/workers.py: cores": "/sys",
     "files/disk.py: written_whole": "a file that it has created",
+    "files/disk.py: remove": "a folder",
+    "files/disk.py: discard": "a folder",
+    "cli/examples.py: _copy": "a file of the package",
     "files/run_tables.py: _save": "a file that the run has created",
     "record/live.py: _fault": "a file in a temporary folder",
     "envs/onnx_export.py: export_onnx": "a file in a temporary folder",

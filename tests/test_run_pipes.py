@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from made_run import made, result, scenario
+from pipes_in_folders import ended
 
 from taichi_plume import cite, open_run
 from taichi_plume.cli import export, maps, picture, repair, report, run, statistics
@@ -22,7 +22,6 @@ from taichi_plume.record import live
 from tests.fuzz import bases, formats
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes in folders")
-PATIENCE = 60.0  # s
 PARTS = (
     "result",
     "trials",
@@ -115,26 +114,6 @@ def readers(folder: Path, out: Path) -> dict[str, Callable[[], Any]]:
             for to in export.DEFAULT
         },
     }
-
-
-def ended(call: Callable[[], Any], pipe: Path) -> tuple[bool, object]:
-    """Whether a call ends, and its result or exception; a call that waits for the pipe is released."""
-    outcome: list[object] = []
-
-    def work() -> None:
-        try:
-            outcome.append(call())
-        except Exception as error:
-            outcome.append(error)
-
-    thread = threading.Thread(target=work, daemon=True)
-    thread.start()
-    thread.join(PATIENCE)
-    if not thread.is_alive():
-        return True, outcome[0]
-    os.close(os.open(pipe, os.O_RDWR))
-    thread.join(PATIENCE)
-    return False, None
 
 
 @pytest.mark.slow

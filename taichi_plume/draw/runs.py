@@ -2,7 +2,6 @@
 
 import os
 import secrets
-import shutil
 import signal
 import subprocess
 import sys
@@ -17,6 +16,7 @@ from typing import Any
 from taichi_plume.draw.document import data_of
 from taichi_plume.execution.summary import ending, robots_found
 from taichi_plume.execution.watch_file import Sight, read
+from taichi_plume.files import disk
 from taichi_plume.files.disk import written_whole
 from taichi_plume.files.run_folder import read_json
 from taichi_plume.guard.input_error import InputError
@@ -202,7 +202,7 @@ class Runs:
         for run in self.all:
             if not run.alive:
                 run.poll()
-                shutil.rmtree(run.notes, ignore_errors=True)
+                disk.discard(run.notes)
 
 
 def changes(before: str, after: str) -> str:

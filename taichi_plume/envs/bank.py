@@ -6,7 +6,6 @@ On disk a bank is a zarr group. A hash of all that affects the recorded flow rea
 import hashlib
 import json
 import os
-import shutil
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from math import ceil
@@ -83,10 +82,10 @@ class Bank:
             zarr_groups.add(group, "scale", ("film", "gas"), self.scale, {"units": "ppm"})
             zarr_groups.add(group, "air", ("sensor", "x", "y"), self.air, {})
             zarr_groups.consolidate(part)
-            shutil.rmtree(path, ignore_errors=True)
+            disk.discard(path)
             part.rename(path)
         finally:
-            shutil.rmtree(part, ignore_errors=True)
+            disk.discard(part)
 
 
 def require_bank(path: Path) -> None:

@@ -1,6 +1,5 @@
 """Writer of `maps.zarr`: gas maps and source posteriors (beliefs) at the end of a run; see `files/maps_file.py`."""
 
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +27,7 @@ class MapsFile:
 
     def resume(self) -> None:
         """Prepare for a resumed run: remove the maps that the interrupted run wrote at its end."""
-        shutil.rmtree(self.path, ignore_errors=True)
+        disk.discard(self.path)
         self.start()
 
     def flush(self) -> None:

@@ -4,7 +4,6 @@ Row streams become robots.parquet and probes.parquet, the viewer's recording get
 whole row, and result.json states the time reached. No data are lost; a run with a checkpoint can still be resumed.
 """
 
-import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +13,7 @@ import pyarrow.compute as pc
 from taichi_plume.execution.execute import report
 from taichi_plume.execution.outputs import OVER
 from taichi_plume.execution.result import write_result
-from taichi_plume.files import checkpoint, manifest, maps_file, parquet, plumesim_log, run_tables
+from taichi_plume.files import checkpoint, disk, manifest, maps_file, parquet, plumesim_log, run_tables
 from taichi_plume.files.run_folder import KILLED, LISTED, RunFolder, RunFolderError, read_json, resuming
 from taichi_plume.guard.terminal import say
 from taichi_plume.scoring.declarations import Json
@@ -176,7 +175,7 @@ def _film(path: Path) -> str | None:
 
 def _maps(path: Path) -> None:
     """Remove the partial folder of gas maps whose writing was interrupted."""
-    shutil.rmtree(path.with_name(maps_file.PART), ignore_errors=True)
+    disk.discard(path.with_name(maps_file.PART))
 
 
 COMPLETE: dict[str, Callable[[Path], str | None]] = {

@@ -4,7 +4,6 @@ rosbags is used instead of mcap-ros2-support: it stores the quality of service (
 map), the hashes of the message types, and the metadata that `ros2 bag` needs.
 """
 
-import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -83,10 +82,10 @@ def new_bag(folder: Path, facts: Mapping[str, str], force: bool = False) -> Iter
             writer.set_custom_data(key, value)
         with writer:
             yield BagWriter(writer, folder)
-        shutil.rmtree(folder, ignore_errors=True)
+        disk.discard(folder)
         writer.path.rename(folder)
     finally:
-        shutil.rmtree(part, ignore_errors=True)
+        disk.discard(part)
 
 
 def _require_free(folder: Path, force: bool) -> None:

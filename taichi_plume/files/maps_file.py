@@ -18,7 +18,6 @@ group and the kind of its algorithm as attributes:
 To open a map: ``xarray.open_zarr("runs/arena-1/maps.zarr", group="0")``.
 """
 
-import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -59,7 +58,7 @@ def write(path: Path, facts: Mapping[str, object], parts: Sequence[Part]) -> Non
 
     disk.require_room(path)
     part = path.with_name(PART)
-    shutil.rmtree(part, ignore_errors=True)
+    disk.discard(part)
     try:
         root = zarr_groups.create(part, {"format": FORMAT, **facts})
         for place, attributes, variables in parts:
@@ -74,7 +73,7 @@ def write(path: Path, facts: Mapping[str, object], parts: Sequence[Part]) -> Non
         zarr_groups.consolidate(part)
         part.rename(path)
     finally:
-        shutil.rmtree(part, ignore_errors=True)
+        disk.discard(part)
 
 
 @contextmanager

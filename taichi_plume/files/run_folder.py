@@ -5,7 +5,6 @@ import json
 import os
 import platform
 import shlex
-import shutil
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib.metadata import version
@@ -130,7 +129,7 @@ class RunFolder:
         self._hold(self._require_no_links)
         self._recover()
         for left in disk.left_in(folder):
-            remove(left)
+            disk.remove(left)
         return self
 
     def _hold(self, require: Callable[[], None]) -> None:
@@ -185,17 +184,17 @@ class RunFolder:
                 (self.path / name).rename(aside / name)
         aside.rename(self.path / REPLACED)
         for left in disk.left_in(self.path):
-            remove(left)
+            disk.remove(left)
 
     def settle(self, stands: bool) -> None:
         """Delete the earlier run if the new run `stands`; otherwise delete the new run and restore the earlier one."""
         aside = self.path / REPLACED
         if not stands and aside.is_dir():
             for name in self.files:
-                remove(self.path / name)
+                disk.remove(self.path / name)
             aside.rename(self.path / REPLACING)
         self._put_back()
-        shutil.rmtree(aside, ignore_errors=True)
+        disk.discard(aside)
 
     def _recover(self) -> None:
         """Complete or undo the replacement of an earlier run during which a process was killed."""
@@ -208,7 +207,7 @@ class RunFolder:
         aside = self.path / REPLACING
         for file in files_in(aside):
             file.rename(self.path / file.name)
-        shutil.rmtree(aside, ignore_errors=True)
+        disk.discard(aside)
 
     def __enter__(self) -> Self:
         return self
@@ -243,14 +242,6 @@ def read_json(file: Path) -> dict[str, Any]:
     except (OSError, ValueError, RecursionError):
         return {}
     return content if isinstance(content, dict) else {}
-
-
-def remove(file: Path) -> None:
-    """Delete a file, or a folder with its content, if it exists."""
-    if file.is_dir() and not file.is_symlink():
-        shutil.rmtree(file)
-    else:
-        file.unlink(missing_ok=True)
 
 
 def cut(file: Path, size: int) -> None:

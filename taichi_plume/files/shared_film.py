@@ -8,7 +8,6 @@ See `film` for the film that users look at and play back.
 """
 
 import secrets
-import shutil
 from glob import escape
 from pathlib import Path
 
@@ -90,7 +89,7 @@ class NewAirFilm:
         self.path, self.part = path, path.with_name(f"{path.name}.{secrets.token_hex(4)}{PART}")
         self.names, self.frames, self.count = names, frames, 0
         for part in path.parent.glob(f"{escape(path.name)}.*{PART}"):  # of a killed or abandoned writer
-            shutil.rmtree(part, ignore_errors=True)
+            disk.discard(part)
         path.parent.mkdir(parents=True, exist_ok=True)
         size = tuple(n + 2 for n in reversed(shape))
         self._block = {name: np.empty((min(frames, CHUNK), *size), np.float32) for name in names}
@@ -126,10 +125,10 @@ class NewAirFilm:
             raise ValueError(f"{self.count} of {self.frames} frames")
         zarr_groups.consolidate(self.part)
         size = sum(file.stat().st_size for file in self.part.rglob("*") if file.is_file())
-        shutil.rmtree(self.path, ignore_errors=True)
+        disk.discard(self.path)
         self.part.rename(self.path)
         return size
 
     def discard(self) -> None:
         """Delete the unfinished film."""
-        shutil.rmtree(self.part, ignore_errors=True)
+        disk.discard(self.part)

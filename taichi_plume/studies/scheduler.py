@@ -8,6 +8,7 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from typing import TYPE_CHECKING
 
 from taichi_plume.execution.signals import SignalRequests
+from taichi_plume.files import disk
 from taichi_plume.guard.terminal import visible
 from taichi_plume.studies.air_plan import shared_airs
 from taichi_plume.studies.job_queue import Job, JobQueue
@@ -137,7 +138,7 @@ class Scheduler:
         if not isinstance(result, AirRecord):
             self._store_runs(result)
             for air in self.queue.executed(job, len(result)):
-                shutil.rmtree(self.store.film(air), ignore_errors=True)
+                disk.discard(self.store.film(air))
             return
         self.store.add_air(result)
         if result.message:

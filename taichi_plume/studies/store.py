@@ -7,7 +7,6 @@ One process at a time writes to the folder; other processes may read.
 
 import json
 import re
-import shutil
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -138,7 +137,7 @@ class Store:
                 part.unlink()
         for run in others:
             for folder in (KEPT_FOLDER, FAILED):
-                shutil.rmtree(self.folder / folder / run, ignore_errors=True)
+                disk.discard(self.folder / folder / run)
 
     def _tidy(self) -> None:
         """Delete unfinished files and films that a killed process left in the study's folder."""
@@ -146,13 +145,13 @@ class Store:
             for left in disk.left_in(folder):
                 left.unlink()
         for film in self.airs.glob("*.zarr.*.part"):
-            shutil.rmtree(film, ignore_errors=True)
+            disk.discard(film)
 
     def _keep(self, name: str, content: bytes) -> None:
         held = self.folder / name
         if held.is_file() and read_regular(held) != content:
             for film in self.airs.glob("*.zarr"):  # the changed study's runs may last longer
-                shutil.rmtree(film, ignore_errors=True)
+                disk.discard(film)
         with disk.written_whole(held) as fresh:
             fresh.write_bytes(content)
 
@@ -266,4 +265,4 @@ def leave_failed(task: Task, request: Request, message: str) -> None:
 
 def forget_failed(task: Task, request: Request) -> None:
     """Delete the files that an earlier, failed attempt of the run left in the study's folder."""
-    shutil.rmtree(task.options.out / FAILED / request.run, ignore_errors=True)
+    disk.discard(task.options.out / FAILED / request.run)

@@ -8,7 +8,6 @@ all tables, from which readers see whether the tables are up to date (`studies/r
 
 import hashlib
 import json
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from math import inf
 from pathlib import Path
@@ -209,7 +208,7 @@ def _write_trials(folder: Path, names: Sequence[str], trials: pa.Table) -> None:
     """Write the trials in folders by values of the columns `names`, under a temporary path that is then renamed."""
     fresh, old = folder / f"{TRIALS}.new", folder / f"{TRIALS}.old"
     for left in (fresh, old):
-        shutil.rmtree(left, ignore_errors=True)
+        disk.discard(left)
     for values, table in _split(trials, names):
         keys = [f"by_{quote(name, safe='')}={_key(value)}" for name, value in values.items()]
         place = fresh.joinpath(*keys)
@@ -218,7 +217,7 @@ def _write_trials(folder: Path, names: Sequence[str], trials: pa.Table) -> None:
     if (folder / TRIALS).exists():
         (folder / TRIALS).rename(old)
     fresh.rename(folder / TRIALS)
-    shutil.rmtree(old, ignore_errors=True)
+    disk.discard(old)
 
 
 def _split(trials: pa.Table, names: Sequence[str]) -> list[tuple[Row, pa.Table]]:

@@ -1,7 +1,6 @@
 """Worker side of a study: execute runs one after another on simulations that stay compiled."""
 
 import os
-import shutil
 import sys
 import tempfile
 import time
@@ -15,7 +14,7 @@ from taichi_plume.execution.execute import End, explain, report, whole
 from taichi_plume.execution.outputs import About, Outputs
 from taichi_plume.execution.result import result, write_result
 from taichi_plume.execution.signals import SignalRequests
-from taichi_plume.files import run_folder
+from taichi_plume.files import disk, run_folder
 from taichi_plume.scenario.input_files import input_paths
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.scenario.scenario import Scenario
@@ -136,7 +135,7 @@ def _run_with_files(cached: CachedSimulation, task: Task, request: Request) -> t
     for parent in (final.parent, unfinished):
         parent.mkdir(parents=True, exist_ok=True)
     for left in unfinished.glob(f"{request.run}.*"):  # from a worker that was killed
-        shutil.rmtree(left, ignore_errors=True)
+        disk.discard(left)
     folder = Path(tempfile.mkdtemp(prefix=f"{request.run}.", dir=unfinished))
     try:
         folder.chmod(0o755)
@@ -165,11 +164,10 @@ def _run_with_files(cached: CachedSimulation, task: Task, request: Request) -> t
                 report(folder)
             for file in run_folder.files_in(folder):
                 if file.name not in (*ALWAYS, *keep):
-                    run_folder.remove(file)
+                    disk.remove(file)
             outputs.seal(end.status)
-            if final.exists():
-                shutil.rmtree(final)
+            disk.remove(final)
             folder.rename(final)
         return end, outcomes
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        disk.discard(folder)

@@ -7,8 +7,9 @@ import pytest
 
 from taichi_plume.execution.result import write_result
 from taichi_plume.files import checkpoint, manifest
-from taichi_plume.files.disk import left_in, new_beside, new_folder_beside, written_whole
+from taichi_plume.files.disk import discard, left_in, new_beside, new_folder_beside, remove, written_whole
 from taichi_plume.report import html
+from tests.pipes_in_folders import ended
 
 WRITERS = {
     "result.json": lambda folder: write_result(folder, {"name": "a"}),
@@ -93,3 +94,18 @@ def test_temporary_folders_are_new_and_found_again(tmp_path):
     one, other = new_folder_beside(tmp_path / "bag"), new_folder_beside(tmp_path / "bag")
     assert one != other
     assert set(left_in(tmp_path)) == {one, other}
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes in folders")
+@pytest.mark.parametrize("delete", [remove, discard])
+def test_pipes_links_and_folders_are_deleted_and_not_opened(tmp_path, delete):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "kept")
+    (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "folder" / "pipe")
+    for name in ("pipe", "link", "folder", "nothing"):
+        ends, outcome = ended(lambda path=tmp_path / name: delete(path), tmp_path / "pipe")
+        assert ends
+        assert outcome is None
+    assert [path.name for path in tmp_path.iterdir()] == ["kept"]
