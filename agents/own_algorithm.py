@@ -15,7 +15,9 @@ numbers as the class states, ``MESSAGE = 3``, within the group's `communication`
 """
 
 import inspect
+from copy import deepcopy
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +31,9 @@ from taichi_plume.files import checkpoint
 from taichi_plume.files.own_class import OwnAlgorithmError, failures_told
 from taichi_plume.grid.state import saves_itself
 from taichi_plume.grid.transfer import reader, uploader
+from taichi_plume.scenario.algorithms import Own
+from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.robots import Group
 
 MOST_NUMBERS = 16  # largest count of numbers in a message
 MOST_HEARD = 20_000_000  # limit of the numbers in the messages that all robots of a group store
@@ -99,11 +104,15 @@ def _file_of(own: type) -> Path:
         return Path("?" if code is None else code.co_filename)
 
 
+def _parameters(group: Group) -> dict[str, Any]:
+    """Return the keyword arguments of the user's class that drives a group."""
+    return group.algorithm.parameters if isinstance(group.algorithm, Own) else {}
+
+
 class OwnAlgorithm:
     """Adapter that runs a user's algorithm class `own` for a group. Raises OwnAlgorithmError if the class fails."""
 
     PER_GROUP = True
-    STATE = ("kept", "robots", "messages")
 
     def __init__(self, swarm: Swarm, members: Members, own: type):
         self.swarm, self.members, self.own = swarm, members, own
@@ -120,6 +129,8 @@ class OwnAlgorithm:
         )
         self.words = self._words(group.count)
         self.messages = Messages(members, self.words) if self.words else None
+        self.algorithm: Any = None
+        self._next: Any = None
         self.begin()
 
     def _words(self, count: int) -> int:
@@ -134,6 +145,25 @@ class OwnAlgorithm:
             )
         return words
 
+    def prepare(self, group: Group, during_run: bool = False) -> None:
+        """Make the user's algorithm that the next `begin` starts with; until then nothing changes.
+
+        during_run: whether the state is restored after `begin`. An algorithm with unchanged parameters then stays the
+        same object. Raises OwnAlgorithmError if the constructor fails, and ScenarioError if the parameters of a running
+        algorithm without state() and restore() change.
+        """
+        parameters = _parameters(group)
+        if during_run and parameters == _parameters(self.members.groups[0].model):
+            self._next = self.algorithm
+            return
+        if during_run and not self.can_be_saved:
+            raise ScenarioError(
+                [f"robots[{self.members.numbers[0]}].algorithm.parameters: cannot change during a run, as "
+                 f"{self.own.__name__} has no state() and restore(), which carry its state to a new object"]
+            )  # fmt: skip
+        with failures_told(self.path):
+            self._next = self.own(**deepcopy(parameters))
+
     def begin(self) -> None:
         (group,) = self.members.groups
         number = np.arange(group.size)
@@ -141,11 +171,13 @@ class OwnAlgorithm:
         if self.messages:
             self.messages.begin()
         self.robots = Robots(trial, number % group.count, *self._heard(), self.flies)
-        model = group.model.algorithm
+        if self._next is None:
+            self.prepare(group.model)
+        self.algorithm, self._next = self._next, None
         with failures_told(self.path):
-            self.algorithm = self.own(**(model.parameters if model.kind == "own" else {}))
             self.STATE_NAMES = tuple(map(str, getattr(self.algorithm, "STATE_NAMES", ("SEARCH",))))
         self.kept = UserState(self.path, self.algorithm)
+        self.STATE = ("robots", "messages", *(("kept",) if self.can_be_saved else ()))
 
     @property
     def can_be_saved(self) -> bool:

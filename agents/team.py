@@ -14,6 +14,7 @@ from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.files.network import Network
 from taichi_plume.files.trajectories import Way
+from taichi_plume.scenario.robots import Group
 
 HANDED = ("own", "policy", "replay")  # kinds with a class, network or paths from files
 BEFORE = "BEFORE_BEGIN"  # state of robots that have not set off, used by no algorithm
@@ -62,6 +63,14 @@ class Team:
     @property
     def state_names(self) -> tuple[str, ...]:
         return (*self.algorithm.STATE_NAMES, BEFORE) if self.waits else self.algorithm.STATE_NAMES
+
+    def prepare(self, groups: Sequence[Group], during_run: bool) -> None:
+        """Make what the next `begin` needs from the groups of a scenario, before anything changes.
+
+        See `OwnAlgorithm.prepare`, whose errors it raises; only users' algorithms can refuse.
+        """
+        if isinstance(self.algorithm, OwnAlgorithm):
+            self.algorithm.prepare(groups[self.numbers[0]], during_run)
 
     def begin(self) -> None:
         self.algorithm.begin()

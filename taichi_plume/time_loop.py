@@ -164,7 +164,7 @@ class TimeLoop:
     maps: Sequence[Mapper]
     obstacles: "Sequence[Shape | Cubes]"
     air: Air
-    begin: Callable[[Scenario], Scenario] | None = None
+    begin: Callable[[Scenario, bool], Scenario] | None = None
     """Function that restarts every component with a scenario and returns the completed scenario; see `reset`."""
     forces: Callable[[], np.ndarray] | None = None
     """Force of the air on each obstacle [N], shape (obstacles, dim); None if unknown."""
@@ -194,15 +194,16 @@ class TimeLoop:
         self.step_observers = []
 
     @one_blas_thread
-    def reset(self, scenario: Scenario | None = None) -> None:
+    def reset(self, scenario: Scenario | None = None, during_run: bool = False) -> None:
         """Return to the start of the warm-up, with `scenario` or, unless given, with the same scenario.
 
         The simulation then equals a fresh one to the bit, and nothing is compiled. The structure of the scenario must
         be the same: kinds, counts and shapes, see scenario/reset.py. Observers are removed, as they belong to a run.
-        Raises ScenarioError, a line for each fault, and leaves the simulation as it was.
+        during_run: whether the caller restores a saved state next; users' algorithms then stay the same objects. Raises
+        ScenarioError, a line for each fault, or OwnAlgorithmError, and leaves the simulation as it was.
         """
         assert self.begin is not None, "not assembled"
-        self.scenario = self.begin(scenario or self.scenario)
+        self.scenario = self.begin(scenario or self.scenario, during_run)
         self._at_begin()
 
     @property

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from taichi_plume.files.own_class import CLASSES
+from taichi_plume.files.own_class import register
 from taichi_plume.scenario.changes import shown
 from taichi_plume.scenario.loading import ScenarioError
 
@@ -11,8 +11,8 @@ def Own(algorithm: type, **parameters: Any) -> dict[str, object]:
     """Return the section `algorithm` of a group of robots that a class of yours drives.
 
     algorithm: class with the method ``act(robots)``, see `Robots`; parameters: keyword arguments of its constructor, as
-    YAML can hold them. A class of the same name replaces an earlier one. In a file the section needs the key `file`,
-    so that a run can be repeated from its scenario.yaml. Raises ScenarioError if there is no method `act`.
+    YAML can hold them. Another class of the same name gets a number after its name. In a file the section needs the key
+    `file`, so that a run can be repeated from its scenario.yaml. Raises ScenarioError if there is no method `act`.
 
     >>> import taichi_plume as tp
     >>> class Wait:
@@ -26,5 +26,4 @@ def Own(algorithm: type, **parameters: Any) -> dict[str, object]:
     """
     if not isinstance(algorithm, type) or not callable(getattr(algorithm, "act", None)):
         raise ScenarioError([f"algorithm: got {shown(algorithm)}; give a class with the method act"])
-    CLASSES[algorithm.__name__] = algorithm
-    return {"kind": "own", "name": algorithm.__name__, "parameters": parameters}
+    return {"kind": "own", "name": register(algorithm), "parameters": parameters}

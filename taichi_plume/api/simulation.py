@@ -11,12 +11,14 @@ from taichi_plume.api.simulate import given
 from taichi_plume.assembly import own_code
 from taichi_plume.assembly.assemble import build
 from taichi_plume.assembly.preparation import Source, load
+from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.grid import kernels
 from taichi_plume.grid.sampler import Sampler
 from taichi_plume.grid.state import State
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.scenario.loading import Overrides
+from taichi_plume.scenario.loading import Overrides, ScenarioError
 from taichi_plume.scenario.outputs import Fields
+from taichi_plume.scenario.reset import differences_at_start
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.time_loop import Every, TimeLoop
 
@@ -134,15 +136,28 @@ class Simulation:
         """Give keys other values while the simulation runs, such as ``{"gas.sources.0.rate": "20 mg/s"}``.
 
         Air, gas and robots stay as they are; the new values hold from now on. All keys can be changed that a `reset`
-        can change. Raises ScenarioError, and the simulation stays as it was.
+        can change, except those that act at the start alone: seeds, warm-up, starts, initial conditions. Parameters of
+        an `Own` class can change if it has the methods state() and restore(state). Raises ScenarioError, and the
+        simulation stays as it was.
         """
-        loop = self.loop
-        scenario = loop.scenario.with_(changes)
+        loop, old = self.loop, self.scenario
+        scenario = old.with_(changes)
+        faults = [
+            f"{line}; acts at the start alone; use reset" for line in differences_at_start(old, scenario)
+        ]
+        if faults:
+            raise ScenarioError(faults)
         state = State(loop)
-        saved, observers = state.save(), (loop.observers, loop.step_observers, loop.steps)
-        loop.reset(scenario)
-        state.restore(saved)
-        loop.observers, loop.step_observers, loop.steps = observers
+        saved, observers = state.save(), (loop.observers, loop.step_observers)
+        loop.reset(scenario, during_run=True)
+        try:
+            state.restore(saved)
+        except OwnAlgorithmError:  # restore() of the new object
+            loop.reset(old, during_run=True)
+            state.restore(saved)
+            raise
+        finally:
+            loop.observers, loop.step_observers = observers
         self._air = None
 
     def close(self) -> None:

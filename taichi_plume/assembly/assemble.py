@@ -112,11 +112,13 @@ def build(
     sim = TimeLoop(scenario, grid, wind, gas, swarm, sensors, driving, maps, seen, air)
     state = State(sim)
 
-    def begin(scenario: Scenario) -> Scenario:
+    def begin(scenario: Scenario, during_run: bool) -> Scenario:
         """Restart wind, gas, robots, sensors and maps with a scenario of the same structure; return it, completed."""
         scenario, _ = again(prepared, scenario)
         walkers = [scenario.obstacles[n] for n in walking]
         starts = _starts(scenario, clearance, walkers)
+        for team in driving:
+            team.prepare(scenario.robots, during_run)
         t = scenario.first_tick * scenario.tick
         state.clear()
         _weigh(weighing, scenario)

@@ -42,10 +42,12 @@ class RobotTable(GrowingTable):
         self.period = sim.dt * ceil(max(1.0, rows / MOST_ROWS))
         groups = sim.swarm.groups
         states = sim.state_names()
-        names = {
-            "group": pa.array([g.name for g in groups]),
-            "state": pa.array([name for names in states for name in names]),
-        }
+        listed = [name for names in states for name in names]
+        once = list(
+            dict.fromkeys(listed)
+        )  # groups of one algorithm have the same names; pandas takes each only once
+        names = {"group": pa.array([g.name for g in groups]), "state": pa.array(once)}
+        self.name_numbers = np.array([once.index(name) for name in listed])
         self.columns = [quantity for quantity in sim.swarm.columns if quantity.table]
         all_states = list(dict.fromkeys(name for names in states for name in names))
         fields = [field for quantity in self.columns for field in _fields(quantity, all_states)]
@@ -67,7 +69,7 @@ class RobotTable(GrowingTable):
         for quantity in self.columns:
             values = now[quantity.key]
             if quantity.named:
-                self.values[quantity.table[0]][n] = self.first_state + values
+                self.values[quantity.table[0]][n] = self.name_numbers[self.first_state + values]
             else:
                 for name, part in zip(quantity.table, values.reshape(len(values), -1).T, strict=True):
                     self.values[name][n] = part

@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import count
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Protocol, runtime_checkable
@@ -33,6 +34,12 @@ Permission = bool | Collection[str]
 """Permission to execute Python files: all or none, or only those with one of these SHA-256."""
 CLASSES: dict[str, type] = {}
 """Classes of users' algorithms that Python code has passed, by name."""
+
+
+def register(algorithm: type) -> str:
+    """Put a class into `CLASSES` and return its name there: of two classes of one name, the second is NAME_2."""
+    names = (f"{algorithm.__name__}_{n}" if n > 1 else algorithm.__name__ for n in count(1))
+    return next(name for name in names if CLASSES.setdefault(name, algorithm) is algorithm)
 
 
 class OwnAlgorithmError(RuntimeError):

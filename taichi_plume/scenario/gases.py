@@ -22,7 +22,7 @@ from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas, PlumeSimMeand
 from taichi_plume.scenario.sources import AnySpecies, OneGas, Source, dishes
 from taichi_plume.scenario.species import Species
 from taichi_plume.scenario.surfaces import GasSurfaces, Inflow, inflow_faults
-from taichi_plume.scenario.vocabulary import COMPILED, SPATIAL, Convection, Model
+from taichi_plume.scenario.vocabulary import AT_START, COMPILED, SPATIAL, Convection, Model
 
 
 class EulerianGas(OneGas):
@@ -35,7 +35,7 @@ class EulerianGas(OneGas):
     convection: Convection = "koren"
     """Scheme that carries the gas. weno5 is of fifth order: it keeps filaments sharper on the same grid and costs
     more."""
-    initial: InitialGas | None = None
+    initial: Annotated[InitialGas | None, AT_START] = None
     """Concentration at the start of the warm-up; unless given, the air is clean."""
     sources: Annotated[tuple[Source, ...], Field(min_length=1)]
     """Sources of the gas, at least one; robots search for them."""

@@ -8,7 +8,7 @@ from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Located
 from taichi_plume.scenario.initial_conditions import InitialHeat
 from taichi_plume.scenario.surfaces import OnObstacle, Surfaces
-from taichi_plume.scenario.vocabulary import COMPILED, Model, consistency_check
+from taichi_plume.scenario.vocabulary import AT_START, COMPILED, Model, consistency_check
 from taichi_plume.scenario.windows import Region
 
 
@@ -64,7 +64,7 @@ class Heat(Surfaces):
     """Fraction of each heater's power that leaves in puffs, the rest evenly. A puff warms a part of the ball half
     as wide as the ball; the next one, at another random place, follows when air has risen through the ball. This
     disturbance makes the plume above turbulent. It has no effect with `turbulence: {kind: none}`."""
-    initial: InitialHeat | None = None
+    initial: Annotated[InitialHeat | None, AT_START] = None
     """Temperature at the start of the warm-up; unless given, all of the air has the reference temperature."""
 
     @property

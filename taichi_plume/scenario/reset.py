@@ -1,8 +1,11 @@
-"""Differences between two scenarios that a reset of a simulation cannot apply, as fields and kernels depend on them."""
+"""Differences between two scenarios that a reset of a simulation, or a change during a run, cannot apply.
+
+Fields and kernels depend on what a reset cannot change. What acts at the start alone cannot change during a run.
+"""
 
 from functools import cache
 
-from taichi_plume.scenario.vocabulary import COMPILED, FREE, Model, marked
+from taichi_plume.scenario.vocabulary import AT_START, COMPILED, FREE, Model, marked
 
 LONGEST_VALUE = 48  # characters shown of a value
 Path = tuple[str, ...]
@@ -28,6 +31,25 @@ def differences(old: Model, new: Model) -> list[str]:
             lines.append(_line("".join(path).lstrip("."), value, other))
             last = path
     return lines
+
+
+def differences_at_start(old: object, new: object, path: str = "", at_start: bool = False) -> Iterator[str]:
+    """Yield a line for each differing key that acts at the start of a run alone, or lies in such a section.
+
+    Differences of the structure are left out, see `differences`. path: of the two sections; at_start: whether they are
+    part of such a key.
+    """
+    if isinstance(old, Model) and type(old) is type(new):
+        for key in type(old).model_fields:
+            pair = vars(old)[key], vars(new)[key]
+            yield from differences_at_start(
+                *pair, f"{path}.{key}", at_start or marked(type(old), key, AT_START)
+            )
+    elif isinstance(old, tuple) and isinstance(new, tuple) and len(old) == len(new):
+        for n, pair in enumerate(zip(old, new, strict=True)):
+            yield from differences_at_start(*pair, f"{path}[{n}]", at_start)
+    elif at_start and old != new:
+        yield _line(path.lstrip("."), old, new)
 
 
 def structure(scenario: Model) -> str:

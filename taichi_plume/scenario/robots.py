@@ -14,7 +14,7 @@ from taichi_plume.scenario.domain import Arena, Context
 from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.sensors import Sensors
 from taichi_plume.scenario.starts import Start
-from taichi_plume.scenario.vocabulary import COMPILED, Model
+from taichi_plume.scenario.vocabulary import AT_START, COMPILED, Model
 
 
 class Communication(Model):
@@ -69,7 +69,7 @@ class Group(Model):
     begin: Annotated[si.Delay, COMPILED] = 0.0
     """Time when the robots start to move. Until then they stand at their start, where their sensors measure gas, also
     for maps. The duration of a search counts from this time."""
-    start: Start
+    start: Annotated[Start, AT_START]
     """Start of the robots: at given positions, on a line or at random in an area."""
     algorithm: Algorithm
     """Search algorithm of the robots."""

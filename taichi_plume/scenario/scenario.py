@@ -28,7 +28,7 @@ from taichi_plume.scenario.screens import AnyScreen
 from taichi_plume.scenario.starts import too_close
 from taichi_plume.scenario.task import Task
 from taichi_plume.scenario.team_algorithms import too_many_messages
-from taichi_plume.scenario.vocabulary import COMPILED, FREE, FileName, Model
+from taichi_plume.scenario.vocabulary import AT_START, COMPILED, FREE, FileName, Model
 from taichi_plume.scenario.winds import Wind
 
 if TYPE_CHECKING:
@@ -62,10 +62,10 @@ class Scenario(Model):
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"), FREE] = "run"
     """Name of the experiment, and of the folders of its runs. Letters, digits, dot, underscore and dash."""
-    seed: Annotated[int, Field(ge=0, lt=2**32), FREE] = 0
+    seed: Annotated[int, Field(ge=0, lt=2**32), FREE, AT_START] = 0
     """Seed of all random numbers: the same seed makes the same run. Another one draws other eddies, noise and start
     positions."""
-    air_seed: Annotated[int, Field(ge=0, lt=2**32), FREE] | None = None
+    air_seed: Annotated[int, Field(ge=0, lt=2**32), FREE, AT_START] | None = None
     """Seed of wind and gas alone; unless given, `seed`. With the same air_seed and another seed, robots with other
     starts and noise search in the same air."""
     gaden: Annotated[FileName, FREE] | None = None
@@ -73,7 +73,7 @@ class Scenario(Model):
     taken from it; keys of the scenario take precedence."""
     duration: si.Duration
     """Time for which robots move and sensors measure, after the warm-up. The air should pass the room several times."""
-    warm_up: si.Delay = 0.0
+    warm_up: Annotated[si.Delay, AT_START] = 0.0
     """Time before the robots start, for flow and gas to develop. The clock then shows negative times, up to 0; the
     air should pass the room a few times."""
     tick: Annotated[si.Tick, COMPILED] = 0.1

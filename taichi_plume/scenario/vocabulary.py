@@ -23,12 +23,13 @@ class Mark(Enum):
     lengths of lists anyway. All other numbers reach kernels at run time: a reset may change them, see
     `TimeLoop.reset`."""
     FREE = "A reset may change the key, with all below it, although its value is no float."
+    AT_START = "Key that acts at the start of a run alone: `Simulation.change` refuses it, a reset takes it."
     INPUT_FILE = "Path of an input file, relative to the scenario's folder; with %d or %g, of several files."
     SPATIAL = "Key of 3-D runs alone: in 2-D its value must be zero, false or not given."
     PLANE = "Names of faces or axes, whose z does not exist in 2-D runs."
 
 
-COMPILED, FREE, INPUT_FILE, SPATIAL, PLANE = Mark
+COMPILED, FREE, AT_START, INPUT_FILE, SPATIAL, PLANE = Mark
 
 
 @dataclass(frozen=True)

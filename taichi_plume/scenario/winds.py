@@ -17,7 +17,7 @@ from taichi_plume.scenario.openings import Opening
 from taichi_plume.scenario.playback import PlaybackWind, PlumeSimWind
 from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.screens import AnyScreen
-from taichi_plume.scenario.vocabulary import FREE, SPATIAL, Model, MomentumConvection
+from taichi_plume.scenario.vocabulary import AT_START, FREE, SPATIAL, Model, MomentumConvection
 from taichi_plume.scenario.wind_base import GUST, AnyWind
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ class CfdWind(AnyWind):
     tolerance: Annotated[float, *number(1e-7, 1e-2)] = 2e-5
     """Tolerance of the pressure solver: divergence over the largest |u|/dx. Less is more exact and, with an iterative
     solver, slower."""
-    initial: InitialWind | None = None
+    initial: Annotated[InitialWind | None, AT_START] = None
     """Velocity of the air at the start of the warm-up; unless given, zero except for the flow of the openings."""
 
     @property
