@@ -7,6 +7,7 @@ from taichi_plume.api.study import raise_unless_done
 from taichi_plume.contests.execution import Choice, contest_of, play, settings_of
 from taichi_plume.contests.standings import Standings, conclude
 from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.safe_open import as_path
 
 
 def contest(
@@ -42,7 +43,7 @@ def contest(
     ['random_walk']
     """
     choice = Choice(
-        Path(out), algorithms, files, policies, scenarios, quick, seed, airs, searches, allow_code
+        as_path(out, "out"), algorithms, files, policies, scenarios, quick, seed, airs, searches, allow_code
     )
     settings = settings_of(choice, workers, retry, force, progress)
     settings.check()

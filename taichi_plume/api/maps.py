@@ -13,6 +13,7 @@ from pydantic import Field
 from taichi_plume.files.bag_readings import BagOptions
 from taichi_plume.files.readings import ReadingsError, read
 from taichi_plume.files.run_folder import is_run
+from taichi_plume.guard.safe_open import as_path
 from taichi_plume.results.recorded_maps import GasMap, map_folder, map_of
 from taichi_plume.results.run import Run
 from taichi_plume.scenario import si
@@ -70,8 +71,9 @@ def maps(
     trial = load_part(trial, "--trial", TRIAL)
     options = _bag_options(bag)
     places = None if sources is None else load_part(sources, "--source", tuple[si.Point2, ...])
-    if isinstance(readings, str | Path) and is_run(Path(readings)):
-        readings = Run(Path(readings))
+    if isinstance(readings, str | Path):
+        readings = as_path(readings, "readings", ReadingsError)
+        readings = Run(readings) if is_run(readings) else readings
     if isinstance(readings, Run):
         scenario = readings.scenario
         width, length = scenario.domain.extent[:2]
@@ -85,8 +87,8 @@ def maps(
         readings = table if table.exists() else readings.robots
     if floor is None:
         raise ReadingsError("--size: is missing; give the edges of the floor along x and y [m]")
-    file = Path(readings) if isinstance(readings, str | Path) else None
-    with nullcontext() if out is None else map_folder(Path(out), force, file) as folder:
+    file = readings if isinstance(readings, Path) else None
+    with nullcontext() if out is None else map_folder(as_path(out, "out"), force, file) as folder:
         log = read(readings, trial, group, options)
         log = replace(log, place=log.place - corner)
         try:

@@ -1,13 +1,13 @@
 """Run of a scenario from Python: ``run = tp.simulate("casting_room")`` is ``python -m taichi_plume.run``."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 from taichi_plume.assembly.preparation import Source, load
 from taichi_plume.execution.execute import INTERRUPTED, RunError, new_run
+from taichi_plume.guard.safe_open import as_path
 from taichi_plume.report.scene import all_shapes
 from taichi_plume.results.run import Run
-from taichi_plume.scenario.loading import Overrides
+from taichi_plume.scenario.loading import Overrides, values_of
 
 
 def simulate(
@@ -18,6 +18,7 @@ def simulate(
     duration: float | str | None = None,
     out: str | Path | None = None,
     arch: str = "cpu",
+    force: bool = False,
     progress: bool | None = None,
     allow_code: bool = False,
     allow_outside: bool = False,
@@ -27,8 +28,9 @@ def simulate(
     scenario: YAML file, name of a bundled scenario, dict with the keys of a file, or `Scenario`. overrides: changes
     such as ``{"robots.0.count": 6}``, or as texts, ``["robots.0.count=6"]``. duration [s]: instead of the scenario's,
     as `seed`. out: the run's folder, by default the first free runs/NAME-N. arch: auto, cpu, cuda, vulkan or metal.
-    progress: whether to show a progress bar; by default in a notebook and at a terminal. allow_code: whether Python
-    files that the scenario names are executed. allow_outside: whether its files may lie outside its folder.
+    force: replace an earlier run in `out`. progress: whether to show a progress bar; by default in a notebook and at a
+    terminal. allow_code: whether Python files that the scenario names are executed. allow_outside: whether its files
+    may lie outside its folder.
 
     Raises InputError (ScenarioError, RunFolderError, DeviceError) before anything is written, RunError if the run did
     not reach its end, and KeyboardInterrupt; the files written so far are kept, and the message names them.
@@ -40,8 +42,8 @@ def simulate(
     """
     prepared = load(scenario, given(overrides, seed, duration), allow_outside)
     try:
-        out = None if out is None else Path(out)
-        folder, _ = new_run(prepared, out, arch, progress=progress, allow_code=allow_code)
+        out = None if out is None else as_path(out, "out")
+        folder, _ = new_run(prepared, out, arch, force=force, progress=progress, allow_code=allow_code)
     except RunError as error:
         if error.status == INTERRUPTED:
             raise KeyboardInterrupt(str(error)) from None
@@ -52,8 +54,4 @@ def simulate(
 def given(overrides: Overrides | None, seed: int | None, duration: float | str | None) -> Overrides:
     """Return overrides together with the seed and the duration, where these are given."""
     more = {key: value for key, value in (("seed", seed), ("duration", duration)) if value is not None}
-    if isinstance(overrides, Mapping):
-        return {**overrides, **more}
-    if overrides is None or not more:
-        return more if overrides is None else overrides
-    return [*overrides, *(f"{key}={value}" for key, value in more.items())]
+    return more if overrides is None else values_of(overrides) | more

@@ -1,11 +1,13 @@
 """Simulation of a scenario step by step, to look at, to change and to record while it runs."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
+from pydantic import Field
 
 from taichi_plume.api.simulate import given
 from taichi_plume.assembly import own_code
@@ -13,11 +15,16 @@ from taichi_plume.assembly.assemble import build
 from taichi_plume.assembly.preparation import Source, load
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.grid import kernels
+from taichi_plume.grid.engine import one_thread
 from taichi_plume.grid.sampler import Sampler
 from taichi_plume.grid.state import State
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.scenario.loading import Overrides, ScenarioError
+from taichi_plume.guard.safe_open import as_path
+from taichi_plume.scenario import si
+from taichi_plume.scenario.changes import shown
+from taichi_plume.scenario.loading import Overrides, ScenarioError, load_part, of_python
 from taichi_plume.scenario.outputs import Fields
+from taichi_plume.scenario.quantities import Number
 from taichi_plume.scenario.reset import differences_at_start
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.time_loop import Every, TimeLoop
@@ -32,6 +39,7 @@ if TYPE_CHECKING:
     from taichi_plume.execution.outputs import Table
 
 SHORTEST = 1e-9  # of a tick: as good as none
+TICKS = Annotated[int, Field(ge=0, strict=True)]
 
 
 class Simulation:
@@ -65,8 +73,10 @@ class Simulation:
     ):
         self._prepared = load(scenario, given(overrides, seed, duration), allow_outside)
         own_code.execute(self._prepared, allow_code)
-        kernels.start(arch)
-        self._loop: TimeLoop | None = build(self._prepared)
+        with one_thread():
+            kernels.start(arch)
+            self._loop: TimeLoop | None = build(self._prepared)
+        self._advancing = False
         self._looks: list[tuple[float, Callable[[Simulation], object]]] = []
         self._tables: list[Table] = []
         self._air: tuple[float, np.ndarray] | None = None
@@ -99,19 +109,44 @@ class Simulation:
         return self.loop.finished
 
     def step(self, ticks: int = 1) -> None:
-        """Advance by a number of time steps (ticks of `scenario.tick`), or to the end. Raises UnstableError."""
-        for _ in range(ticks):
-            if self.finished:
-                break
-            self.loop.step()
-        self._end_if_finished()
+        """Advance by a number of time steps (ticks of `scenario.tick`), or to the end.
 
-    def run(self, until: float | None = None) -> None:
-        """Advance to the time `until` [s], or to the end. Raises UnstableError."""
-        end = np.inf if until is None else until - SHORTEST * self.loop.dt
-        while not self.finished and self.loop.t < end:
-            self.loop.step()
-        self._end_if_finished()
+        Raises InputError, UnstableError, and TurnError while another thread steps a simulation.
+        """
+        ticks = load_part(ticks, "ticks", TICKS)
+        with self._turn():
+            for _ in range(ticks):
+                if self.finished:
+                    break
+                self.loop.step()
+            self._end_if_finished()
+
+    def run(self, until: Number | None = None) -> None:
+        """Advance to the time `until`, such as 2 [s] or "2 min", or to the end. Raises the errors of `step`."""
+        until = load_part(until, "until", si.Time | None)
+        least = SHORTEST * self.loop.dt
+        if until is not None and until < self.loop.t - least:
+            raise InputError(
+                f"until: got {until:g} s; the time is {self.t:g} s already; use reset to start again"
+            )
+        with self._turn():
+            while not self.finished and (until is None or self.loop.t < until - least):
+                self.loop.step()
+            self._end_if_finished()
+
+    @contextmanager
+    def _turn(self) -> Iterator[None]:
+        """Context that steps or resets the simulation. Raises InputError in a function of `every`, and TurnError."""
+        with one_thread():
+            if self._advancing:
+                raise InputError(
+                    "every: its functions cannot step, run or reset the simulation that calls them"
+                )
+            self._advancing = True
+            try:
+                yield
+            finally:
+                self._advancing = False
 
     def _end_if_finished(self) -> None:
         if self.finished:
@@ -124,13 +159,13 @@ class Simulation:
         Functions of `every` stay, files of `write` are closed. Kinds, counts and shapes cannot be changed. Raises
         ScenarioError, and the simulation stays as it was.
         """
-        changes = given(overrides or {}, seed, None)
-        assert isinstance(changes, Mapping)
-        self.loop.reset(self.scenario.with_(changes) if changes else None)
-        self._close_tables()
-        self._air = None
-        for period, function in self._looks:
-            self._observe(period, function)
+        changes = of_python(overrides or {}) | ({} if seed is None else {"seed": seed})
+        with self._turn():
+            self.loop.reset(self.scenario.with_(changes) if changes else None)
+            self._close_tables()
+            self._air = None
+            for period, function in self._looks:
+                self._observe(period, function)
 
     def change(self, changes: Mapping[str, object]) -> None:
         """Give keys other values while the simulation runs, such as ``{"gas.sources.0.rate": "20 mg/s"}``.
@@ -147,17 +182,18 @@ class Simulation:
         ]
         if faults:
             raise ScenarioError(faults)
-        state = State(loop)
-        saved, observers = state.save(), (loop.observers, loop.step_observers)
-        loop.reset(scenario, during_run=True)
-        try:
-            state.restore(saved)
-        except OwnAlgorithmError:  # restore() of the new object
-            loop.reset(old, during_run=True)
-            state.restore(saved)
-            raise
-        finally:
-            loop.observers, loop.step_observers = observers
+        with one_thread():
+            state = State(loop)
+            saved, observers = state.save(), (loop.observers, loop.step_observers)
+            loop.reset(scenario, during_run=True)
+            try:
+                state.restore(saved)
+            except OwnAlgorithmError:  # restore() of the new object
+                loop.reset(old, during_run=True)
+                state.restore(saved)
+                raise
+            finally:
+                loop.observers, loop.step_observers = observers
         self._air = None
 
     def close(self) -> None:
@@ -174,19 +210,21 @@ class Simulation:
 
     # ---------------------------------------------------------------- observers and files
 
-    def every(self, period: float, function: Callable[["Simulation"], object]) -> None:
-        """Call a function with this simulation every `period` simulated seconds, at the start and at the end."""
-        if not period > 0.0:
-            raise InputError(f"every: got {period} s; the period must be above 0")
+    def every(self, period: Number, function: Callable[["Simulation"], object]) -> None:
+        """Call a function with this simulation every `period` simulated seconds, at the start and at the end.
+
+        The function may look at the simulation and `change` it, but not step, run or reset it. Raises InputError.
+        """
+        period = load_part(period, "every", si.Duration)
         if not callable(function):
-            raise InputError(f"every: got {function!r}; give a function that takes the simulation")
+            raise InputError(f"every: got {shown(function)}; give a function that takes the simulation")
         self._looks.append((period, function))
         self._observe(period, function)
 
     def _observe(self, period: float, function: Callable[["Simulation"], object]) -> None:
         self.loop.observers.append(Every(period, lambda _: function(self), warm_up=True))
 
-    def write(self, path: str | Path, every: float | None = None) -> None:
+    def write(self, path: str | Path, every: Number | None = None) -> None:
         """Write a file from now on, a sample every `every` simulated seconds; `close`, `reset` and the end complete it.
 
         path: a film of wind, gas and temperature if it ends in .zarr, as `fields.zarr` of a run; a table of the robots
@@ -196,10 +234,11 @@ class Simulation:
         from taichi_plume.execution.film_output import Filming
         from taichi_plume.execution.robots_table import RobotTable
 
-        path, loop = Path(path), self.loop
+        path, loop = as_path(path, "path"), self.loop
         if path.exists():
             raise InputError(f"{path}: exists already; choose another name, or remove it")
-        if every is not None and not every >= loop.dt * (1 - SHORTEST):
+        every = load_part(every, "every", si.Duration | None)
+        if every is not None and every < loop.dt * (1 - SHORTEST):
             raise InputError(f"{path}: every: got {every} s; it must be at least a tick, {loop.dt:g} s")
         table: Table
         if path.suffix == ".zarr":
@@ -316,7 +355,8 @@ class Simulation:
         """Return wind, gas and, if computed, temperature in all cells, (quantities, *shape); NaN in obstacles."""
         loop = self.loop
         if self._air is None or self._air[0] != loop.t:
-            values = self._sampler.sample(loop.t).reshape(-1, *loop.grid.shape)
+            with one_thread():
+                values = self._sampler.sample(loop.t).reshape(-1, *loop.grid.shape)
             self._air = loop.t, np.where(loop.air.solid, np.float32(np.nan), values)
         return self._air[1]
 
@@ -348,6 +388,7 @@ class Simulation:
         if not loop.swarm.count:
             raise InputError("the scenario has no robots")
         table = RobotTable(loop, Path("robots.parquet"))
-        table.sample(loop)
+        with one_thread():
+            table.sample(loop)
         rows = pa.Table.from_batches([table.take()])
         return first_rows(rows, self.scenario.robots) if first_trial else rows

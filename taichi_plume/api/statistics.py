@@ -9,6 +9,7 @@ from pydantic import Field
 from taichi_plume.fluctuations.computation import statistics_of
 from taichi_plume.fluctuations.result import Statistics
 from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.safe_open import as_path
 from taichi_plume.results.run import Run
 from taichi_plume.scenario import si
 from taichi_plume.scenario.changes import shown
@@ -63,5 +64,5 @@ def statistics(
         raise InputError(f"source: got {shown(source)}; give a run, the folder of a run, or a film")
     plume = statistics_of(Path(source), gas, probe, ppm, begin, within, models)
     if out is not None:
-        plume.write(out, page)
+        plume.write(as_path(out, "out"), page)
     return plume

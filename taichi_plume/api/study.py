@@ -4,6 +4,7 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from taichi_plume.guard.safe_open import as_path
 from taichi_plume.studies.plan import load_plan
 from taichi_plume.studies.results import Results
 from taichi_plume.studies.study_run import Settings, execute
@@ -46,10 +47,10 @@ def study(
     4
     """
     plan = load_plan(source, allow_outside, progress)
+    folder = plan.default_out if out is None else as_path(out, "out")
     settings = Settings(
-        plan.default_out if out is None else Path(out), workers, scheduler, retry, force, progress, allow_code,
-        allow_outside, report=report,
-    )  # fmt: skip
+        folder, workers, scheduler, retry, force, progress, allow_code, allow_outside, report=report
+    )
     raise_unless_done(execute(plan, settings))
     return Results(settings.out)
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from taichi_plume.assembly.resources import OPENERS, Resources, completed
 from taichi_plume.files.bundled import file_or_example
 from taichi_plume.grid.shapes import ShapeError
-from taichi_plume.guard.safe_open import gate
+from taichi_plume.guard.safe_open import as_path, gate
 from taichi_plume.scenario import checks
 from taichi_plume.scenario.gases import PlaybackGas, PureGas
 from taichi_plume.scenario.input_files import given, input_files, strangers
@@ -108,7 +108,7 @@ def read(
     elif isinstance(source, Scenario):
         origin, data = source.origin, source.keys_set()
     elif isinstance(source, Mapping):
-        origin, data = Origin(Path(folder or ".")), source
+        origin, data = Origin(as_path(folder or ".", "folder")), source
     else:
         what = f"got {type(source).__name__}; give the path of a YAML file, the name of an example, or a dict"
         raise ScenarioError([f"scenario: {what}"])

@@ -39,6 +39,7 @@ from taichi_plume.envs.step_kernel import (
 from taichi_plume.envs.task import require_task
 from taichi_plume.envs.truth import Truth
 from taichi_plume.grid.clearance import ClearanceMap
+from taichi_plume.grid.engine import one_thread
 from taichi_plume.grid.rng import generator
 from taichi_plume.guard.terminal import visible
 from taichi_plume.scenario.loading import ScenarioError
@@ -190,6 +191,7 @@ class Episodes:
         self._side = 0
         self.observations = self._views[0]
 
+    @one_thread()
     def reset(self, seeds: ArrayLike | None = None, mask: ArrayLike | None = None) -> None:
         """Begin episodes of all environments or, after the first reset, of those in the mask (count,).
 
@@ -211,6 +213,7 @@ class Episodes:
         self._returns[self._todo != REST] = 0.0
         self._show_truth()
 
+    @one_thread()
     def step(self, actions: Array) -> None:
         """Advance all environments by one decision; actions: (count robots, action_size) from -1 to 1.
 

@@ -5,6 +5,7 @@ laptop" or "90 s in real time".
 """
 
 import ast
+import os
 import re
 from itertools import takewhile
 from pathlib import Path
@@ -49,9 +50,9 @@ def path_of(name: str) -> Path:
 def file_or_example(source: str | Path) -> Path:
     """Return the path of a file that is given by its path, or by the name of an example. Raises ScenarioError."""
     path = Path(source)
-    if path.suffix or (path.exists() and not path.is_dir()):
+    if path.suffix or (os.path.exists(path) and not os.path.isdir(path)):
         return path
-    return path if path.is_dir() and str(source) not in names() else path_of(str(source))
+    return path if os.path.isdir(path) and str(source) not in names() else path_of(str(source))
 
 
 def example(name: str) -> Example:

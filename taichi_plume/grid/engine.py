@@ -6,9 +6,10 @@ Taichi frees all fields when Taichi is restarted or reset. Access to such a fiel
 import gc
 import os
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
-from threading import get_ident
+from threading import RLock, get_ident
 
 from taichi._snode.fields_builder import FieldsBuilder
 from taichi._snode.snode_tree import SNodeTree
@@ -37,6 +38,15 @@ class ThreadError(EngineError):
     MESSAGE = (
         "a simulation or environment of another thread is in use: make all of them in the same thread, or in processes "
         "of their own, as a study does"
+    )
+
+
+class TurnError(ThreadError):
+    """Error of stepping a simulation while another thread does: Taichi compiles in one thread at a time."""
+
+    MESSAGE = (
+        "another thread steps a simulation or environment: only one thread of a process may do so at a time; use a "
+        "threading.Lock, or processes, as a study does"
     )
 
 
@@ -146,6 +156,20 @@ class _Process:
     def in_other_thread(self) -> bool:
         """Return whether Taichi was started in another thread than the calling one."""
         return self.thread is not None and self.thread != get_ident()
+
+
+_turn = RLock()
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Context or decorator that keeps other threads from compiling and launching kernels. Raises TurnError."""
+    if not _turn.acquire(blocking=False):
+        raise TurnError
+    try:
+        yield
+    finally:
+        _turn.release()
 
 
 def require_usable(in_use: bool) -> None:

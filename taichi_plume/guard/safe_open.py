@@ -16,6 +16,8 @@ from contextvars import ContextVar
 from io import BufferedReader
 from pathlib import Path
 
+from taichi_plume.guard.input_error import InputError
+
 FLAGS = os.O_RDONLY | sum(vars(os).get(name, 0) for name in ("O_NONBLOCK", "O_NOCTTY", "O_BINARY"))
 NO_NAME = "no file can have this name, for a null byte or half a character in it"
 ALLOW = "if it is what you want to be read, add --allow-outside (in Python: allow_outside=True)"
@@ -56,6 +58,23 @@ def require_inside(path: Path) -> None:
     current = _gate.get()
     if current is not None and current[0] is not None and not inside(path, current[0]):
         raise PermissionError(errno.EPERM, OUTSIDE, str(path))
+
+
+def as_path(value: object, where: str, fault: type[InputError] = InputError) -> Path:
+    """Return a path that is given as a text or a Path. Raises `fault` if it is neither, or no file can have the name.
+
+    where: name of the argument, for the message.
+    """
+    if not isinstance(value, str | Path):
+        raise fault(f"{where}: got {type(value).__name__}; give a path, as a text or a pathlib.Path")
+    try:
+        os.stat(value)
+    except ValueError:
+        raise fault(f"{where}: got {str(value)!r}: {NO_NAME}") from None
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise fault(f"{where}: got {str(value)!r}: {error.strerror}") from None
+    return Path(value)
 
 
 def open_regular(path: Path) -> BufferedReader:

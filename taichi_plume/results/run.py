@@ -34,7 +34,7 @@ from taichi_plume import __version__
 from taichi_plume.files import manifest
 from taichi_plume.files.run_folder import HEADER, KILLED, OURS, RunFolderError, is_run, read_json
 from taichi_plume.files.tables import LONGEST_TEXT, plain
-from taichi_plume.guard.safe_open import content_of, unopenable
+from taichi_plume.guard.safe_open import as_path, content_of, unopenable
 from taichi_plume.guard.terminal import visible
 from taichi_plume.guard.yaml_text import LARGEST_FILE
 
@@ -82,7 +82,7 @@ def open_run(folder: Path | str) -> "Run":
     >>> tp.open_run(folder).robots.attrs["units"]["reading_ppm"]
     'ppm'
     """
-    return Run(Path(folder))
+    return Run(as_path(folder, "folder", RunFolderError))
 
 
 class Run:
@@ -307,7 +307,9 @@ class Run:
         """
         from taichi_plume.report.pictures import Film, Shown
 
-        return Film.of(self, None if path is None else Path(path), Shown(view, of), begin, end, fps)
+        return Film.of(
+            self, None if path is None else as_path(path, "path"), Shown(view, of), begin, end, fps
+        )
 
     def show(self) -> object:
         """Show the recording in rerun's viewer: in a notebook within the page, else in a window of its own.

@@ -40,8 +40,8 @@ def shown(value: object) -> str:
     """Return a value as a short text for error messages: its repr, cut to 48 characters, or "nothing" for None."""
     try:
         text = "nothing" if value is None else repr(value)
-    except Exception:  # such as of an object's own __repr__, or of thousands of digits
-        text = object.__repr__(value)
+    except Exception:  # thousands of digits have no text; the __repr__ of a class may raise anything
+        text = f"a value of type {type(value).__name__}"
     return text if len(text) <= LONGEST_GOT else text[: LONGEST_GOT - 3] + "..."
 
 

@@ -143,17 +143,32 @@ def overridden(overrides: Overrides) -> list[str]:
 
 def _overridden(data: Data, overrides: Overrides) -> Data:
     """Return a copy of `data` with the overrides applied. Raises ScenarioError."""
-    if isinstance(overrides, str) or not isinstance(overrides, Sequence | Mapping):
+    for path, value in values_of(overrides).items():
+        try:
+            data = changed(data, {path: value})
+        except LineError as fault:
+            raise ScenarioError([f"override '{visible(path, LONGEST_VALUE)}': {fault}"]) from None
+    return data
+
+
+def values_of(overrides: Overrides) -> Data:
+    """Return the values of overrides by their paths, in order. Raises ScenarioError."""
+    if isinstance(overrides, Mapping):
+        return of_python(overrides)
+    if isinstance(overrides, str | bytes) or not isinstance(overrides, Sequence):
         what = "give a list, such as ['robots.0.count=3'], or a dict, such as {'robots.0.count': 3}"
         raise ScenarioError([f"overrides: got {shown(overrides)}; {what}"])
-    given = of_python(overrides).items() if isinstance(overrides, Mapping) else overrides
-    for override in given:
+    values: Data = {}
+    for override in overrides:
+        if not isinstance(override, str):
+            raise ScenarioError([f"overrides: got {shown(override)}; give texts, such as 'robots.0.count=3'"])
         try:
-            data = changed(data, dict([_parsed(override) if isinstance(override, str) else override]))
+            path, value = _parsed(override)
         except LineError as fault:
-            text = override if isinstance(override, str) else override[0]
-            raise ScenarioError([f"override '{visible(text, LONGEST_VALUE)}': {fault}"]) from None
-    return data
+            raise ScenarioError([f"override '{visible(override, LONGEST_VALUE)}': {fault}"]) from None
+        values.pop(path, None)  # the last of equal paths counts, at its place
+        values[path] = value
+    return values
 
 
 def _parsed(override: str) -> tuple[str, object]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self
 import numpy as np
 from pydantic import ConfigDict, Field, field_validator
 
+from taichi_plume.guard.safe_open import as_path
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Arena, Context, Domain
 from taichi_plume.scenario.gases import AnySource, Gas, PureGas
@@ -190,7 +191,7 @@ class Scenario(Model):
 
         text = all_keys(self, exact=True) if defaults else own_keys(self, exact=True)
         if path is not None:
-            with written_whole(Path(path)) as fresh:
+            with written_whole(as_path(path, "path")) as fresh:
                 fresh.write_text(text, encoding="utf-8")
         return text
 

@@ -26,7 +26,7 @@ from taichi_plume.files import run_tables
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import LONGEST_TEXT, plain
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.guard.safe_open import unopenable
+from taichi_plume.guard.safe_open import as_path, unopenable
 from taichi_plume.guard.terminal import visible
 from taichi_plume.studies import tables as files
 from taichi_plume.studies.store import Store, StoreError
@@ -53,7 +53,7 @@ def open_study(folder: Path | str) -> "Results":
     Traceback (most recent call last):
     taichi_plume.files.run_folder.RunFolderError: nowhere: does not exist; give the folder of a study
     """
-    return Results(Path(folder))
+    return Results(as_path(folder, "folder", RunFolderError))
 
 
 class Results:

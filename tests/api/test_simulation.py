@@ -144,7 +144,7 @@ def test_wrong_use_is_one_error(sim, tmp_path):
         (lambda: sim.write(tmp_path / "there.zarr"), "exists"),
         (lambda: sim.write(tmp_path / "film.csv"), r"\.parquet"),
         (lambda: sim.write(tmp_path / "film.zarr", every=0.01), "0.1 s"),
-        (lambda: sim.every(0.0, print), "above 0"),
+        (lambda: sim.every(0.0, print), "at least 1e-06 s"),
         (lambda: sim.every(1.0, 3), "function"),  # type: ignore[arg-type]
         (lambda: sim.temperature, "heat"),
     ):
