@@ -3,6 +3,7 @@
 Fields and kernels depend on what a reset cannot change. What acts at the start alone cannot change during a run.
 """
 
+from collections.abc import Iterator
 from functools import cache
 
 from taichi_plume.scenario.vocabulary import AT_START, COMPILED, FREE, Model, marked
