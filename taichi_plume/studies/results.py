@@ -131,7 +131,8 @@ class Results:
     def differences(self, axis: str, quantity: str = "success") -> "pandas.DataFrame":
         """Compare each value of an axis with the first value, in the same airs: difference `apart`, interval, words.
 
-        quantity: a column of trials. Raises ValueError for an unknown axis or quantity.
+        quantity: a column of trials. Values of an axis that changes the air itself, such as the wind's speed, have no
+        air in common: `apart` is NaN then, and the words say so. Raises InputError for an unknown axis or quantity.
         """
         import pandas
 
@@ -141,12 +142,15 @@ class Results:
         known = {measure.name: measure for measure in points.quantities if measure.what != "runs"}
         for name, there in ((axis, points.axes), (quantity, list(known))):
             if name not in there:
-                raise ValueError(f"{name!r}: there are {', '.join(there)}")
+                raise InputError(f"{name!r}: there are {', '.join(there)}")
         measure = known[quantity]
         made = []
         for row in points.differences(axis, measure):
             apart = row.pop("apart")
             text = intervals.words(apart, measure.unit, measure.share, "searches in both")
+            if not apart.airs:
+                pair = f"{axis} = {row['first']} and {row['second']}"
+                text = f"no air in common at {pair}: the axis changes the air, or runs are missing; compare points()"
             ends = {"apart": apart.mean, "low": apart.low, "high": apart.high}
             made.append(row | ends | {"airs": apart.airs, "words": text})
         return pandas.DataFrame(made)

@@ -245,6 +245,10 @@ def test_points_are_means_over_airs(tmp_path):
     assert list(apart["airs"]) == [8, 8]
     with pytest.raises(ValueError, match="there are speed, algorithm"):
         results.differences("rate")
+    speeds = results.differences("speed")  # of the wind: no air at one speed is that at the other
+    assert speeds["airs"].tolist() == [0, 0]
+    for words in speeds["words"]:
+        assert all(part in words for part in ("no air in common", "speed = 0.2 and 0.5", "points()")), words
 
 
 def test_a_difference_of_shares_lies_between_minus_one_and_one(tmp_path):
