@@ -125,7 +125,7 @@ class KernelMap(GasMap):
         """Return the variance of readings about the mean gas map [ppm²], (trials, nx, ny); NaN in cells beyond the
         reach of every reading.
         """
-        self._judge(self.time)
+        self._update_deviations(self.time)
         totals, weights, squares, deviation = self._squares()
         prior = ratio(totals[:, 2] + deviation.sum(axis=1, dtype=float), totals[:, 0])
         return self._blend(weights, squares, prior)
@@ -196,7 +196,7 @@ class KernelMap(GasMap):
                 self.old[k, x, y] = fade * self.old[k, x, y] + old[s]
 
     @ti.kernel
-    def _judge(self, t: float):
+    def _update_deviations(self, t: float):
         """Recompute the squared deviations q of the readings in slots, and Σ K q in each cell; t: present time [s]."""
         for k, slot in self.deviation:
             self.deviation[k, slot] = 0.0

@@ -180,7 +180,7 @@ class SnapMap(GasMap):
         """Record the error of the forecast for the snapshot that has just ended, then compute the next forecast."""
         snapshots = self.snaps
         if snapshots.ended > 1:
-            _judge(
+            _forecast_mae(
                 self.numerator, self.denominator, snapshots.weighted, snapshots.weights, snapshots.last,
                 snapshots.margin, self.mae,
             )  # fmt: skip
@@ -264,7 +264,7 @@ def _interpolate(
 
 
 @ti.kernel
-def _judge(
+def _forecast_mae(
     numerator: Template, denominator: Template, weighted: Template, weights: Template, slot: int, margin: Template,
     mae: Template,
 ):  # fmt: skip

@@ -100,7 +100,7 @@ class Spiral(KernelAlgorithm):
         i = self.robot[n]
         if self.swarm.state[i] == ACQUIRE:
             if self.acquisition.listen(n):
-                self._judge(n, tick)
+                self._rate_acquisition(n, tick)
         if self.p.by_gradient[n] == 1 and self.swarm.blocked[i] == 1:
             self.legs.aside[n] = self._better_side(n)
         if self.swarm.state[i] != ACQUIRE and not self.legs.advance(n, dt):
@@ -164,7 +164,7 @@ class Spiral(KernelAlgorithm):
         return ti.select(has_peak == 1, self.p.k_mean[n] * mean + self.p.k_peak[n] * peaks, FLAT * mean)
 
     @ti.func
-    def _judge(self, n, tick):
+    def _rate_acquisition(self, n, tick):
         """Rate the acquisition of robot n as HIT or MISS by its proximity index, and choose the next action."""
         i = self.robot[n]
         index = self._proximity_index(n)

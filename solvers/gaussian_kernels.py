@@ -29,7 +29,7 @@ def walls_along(faces: Sequence[Face], axes: np.ndarray, extent: tuple[float, ..
 
 
 @ti.func
-def bell(q, centre, variance, low, high, most: Template):
+def gaussian(q, centre, variance, low, high, most: Template):
     """Return at q a Gaussian of unit area with this centre and variance, mirrored by walls at `low` and `high`.
 
     most: largest number of walls, 0 to 2. Between two walls a narrow Gaussian is a sum of images, a wide one a cosine

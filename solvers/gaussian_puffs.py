@@ -17,7 +17,7 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Field, Template
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.closed_forms import ContinuousGas, GaussianPuffGas
-from taichi_plume.solvers.gaussian_kernels import FAR, bell, walls_along
+from taichi_plume.solvers.gaussian_kernels import FAR, gaussian, walls_along
 from taichi_plume.solvers.uniform_wind import UniformSolver
 
 FAINT = 16.0  # parts of an integral below exp(-FAINT) of the largest part are left out
@@ -83,7 +83,7 @@ class GaussianPuffs(Gas):
             part = self.mass[n]
             for d in ti.static(range(self.dim)):
                 low, high, most = ti.static(*self.walls[d])
-                part *= bell(x[d], self.centre[n][d], self.variance[n][d], low, high, most)
+                part *= gaussian(x[d], self.centre[n][d], self.variance[n][d], low, high, most)
             total += part
         return total
 
@@ -158,7 +158,7 @@ class ContinuousPuffs(Gas):
                 for d in ti.static(range(self.dim)):
                     low, high, most = ti.static(*self.walls[d])
                     centre = self.place[n][d] + U[d] * (s - self.spread[n])
-                    part *= bell(x[d], centre, 2.0 * D[d] * s, low, high, most)
+                    part *= gaussian(x[d], centre, 2.0 * D[d] * s, low, high, most)
                 total += self.rate[n] * half * part
         return total
 

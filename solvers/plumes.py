@@ -18,7 +18,7 @@ from taichi_plume.grid.rng import generator
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.closed_forms import GaussianPlumeGas, MeanderingGas
 from taichi_plume.scenario.vocabulary import Face
-from taichi_plume.solvers.gaussian_kernels import bell, walls_along
+from taichi_plume.solvers.gaussian_kernels import gaussian, walls_along
 from taichi_plume.solvers.gusts import OrnsteinUhlenbeck
 from taichi_plume.solvers.uniform_wind import UniformSolver, memory
 
@@ -131,7 +131,7 @@ class Plumes(Gas):
             if ti.static(k == 0 and self.meanders):
                 variance *= widening
             centre = self._component(self.place[n], k + 1) + carried[k]
-            c *= bell(self._component(x, k + 1), centre, variance, walls[0], walls[1], self.most[k])
+            c *= gaussian(self._component(x, k + 1), centre, variance, walls[0], walls[1], self.most[k])
         return c
 
     @ti.func

@@ -9,7 +9,7 @@ import taichi as ti
 from scripts import read_result
 
 from taichi_plume.cli import run
-from taichi_plume.execution import resume
+from taichi_plume.execution import checkpoint_reading
 from taichi_plume.files import checkpoint, manifest
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.time_loop import TimeLoop
@@ -112,8 +112,8 @@ def test_only_what_is_read_again_has_to_be_the_same(tmp_path):
     read.write_text("1")
     inputs = manifest.digests(folder, [read])
     (tmp_path / "link").symlink_to(folder)
-    resume.require_same(folder, inputs, [read])
-    resume.require_same(tmp_path / "link", inputs, [tmp_path / "link" / ".." / ".." / "wind.csv"])
+    checkpoint_reading.require_same(folder, inputs, [read])
+    checkpoint_reading.require_same(tmp_path / "link", inputs, [tmp_path / "link" / ".." / ".." / "wind.csv"])
     read.write_text("2")
     with pytest.raises(RunFolderError, match=r"wind.csv: has changed"):
-        resume.require_same(folder, inputs, [read])
+        checkpoint_reading.require_same(folder, inputs, [read])

@@ -158,7 +158,7 @@ class Fared(NamedTuple):
     way: np.ndarray
 
 
-class Judge:
+class Scorer:
     """Observer that scores the maps and robots of a run."""
 
     def __init__(self, sim: TimeLoop, teams: Sequence[Team]):
@@ -261,7 +261,7 @@ def in_airs(airs: int) -> tuple[Fared, ...]:
     for air in range(airs):
         if air:
             sim.reset(scenario_of(arena(air, TEAMS, DURATION)))
-        judge = Judge(sim, TEAMS)
+        scorer = Scorer(sim, TEAMS)
         sim.run()
-        results.append(judge.fared(sim))
+        results.append(scorer.fared(sim))
     return tuple(results)

@@ -63,8 +63,8 @@ def _resume(args: argparse.Namespace) -> int:
     """Resume an interrupted run from the checkpoint in its folder; return the exit code."""
     from taichi_plume.assembly.own_code import execute
     from taichi_plume.assembly.preparation import load
+    from taichi_plume.execution.checkpoint_reading import require_same, saved
     from taichi_plume.execution.execute import Job, inputs_of, run
-    from taichi_plume.execution.resume import require_same, saved
     from taichi_plume.files.run_folder import RunFolder
     from taichi_plume.grid import kernels
     from taichi_plume.record.live import open_viewer

@@ -205,7 +205,7 @@ class StepKernel:
         what = ti.cast(flags[0, e], ti.i32)
         n = self.count * self.robots
         if what == FIRST or (what >= STEP and what <= BEGIN):
-            self._judge(e, what, flags, outcomes)
+            self._reward(e, what, flags, outcomes)
         for i in range(e * self.robots, (e + 1) * self.robots):
             if what == REST:  # copy the last observation
                 for k in range(self.observation.size):
@@ -215,7 +215,7 @@ class StepKernel:
                 self.observation.write(i, self._flip(e), side * n + i, table, elapsed)
 
     @ti.func
-    def _judge(self, e, what, flags: Template, outcomes: Template):
+    def _reward(self, e, what, flags: Template, outcomes: Template):
         """Compute rewards, end flags and info of environment e after a step or at the start of an episode."""
         found, searching, way, near = 0, 0, 0.0, FAR
         # the first tick of an episode, in which robots stand still, does not count

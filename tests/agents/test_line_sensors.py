@@ -110,7 +110,7 @@ def test_a_gaussian_plume_is_integrated_to_a_percent():
 
 
 def test_a_puff_in_3d_is_integrated_to_a_percent():
-    """Along a line at the distance d from a Gaussian of standard deviation s: a bell of d, and the erf of both ends."""
+    """Along a line at distance d from a Gaussian of standard deviation s: the Gaussian of d, the erf of both ends."""
     size, mass, radius, place = (3.0, 2.0, 1.0), 1e-4, 0.05, np.array([1.6, 1.0, 0.5])
     release = {"position": place.tolist(), "mass": mass, "radius": radius}
     gas = {"kind": "gaussian_puff", "diffusivity": 1e-9, "releases": [release], "walls": []}
@@ -120,9 +120,9 @@ def test_a_puff_in_3d_is_integrated_to_a_percent():
     np.testing.assert_allclose(length, to_the_walls(x, e, size), rtol=1e-4)
     along = ((place - x) * e).sum(axis=1)
     off = np.linalg.norm(place - x - along[:, None] * e, axis=1)
-    bell = mass / (2 * np.pi * radius**2) * np.exp(-(off**2) / (2 * radius**2))
+    profile = mass / (2 * np.pi * radius**2) * np.exp(-(off**2) / (2 * radius**2))
     ends = (erf((length - along) / (np.sqrt(2) * radius)) + erf(along / (np.sqrt(2) * radius))) / 2
-    true = METHANE * bell * ends
+    true = METHANE * profile * ends
     some = true > 1e-4 * METHANE * mass / (2 * np.pi * radius**2)
     assert some.sum() > 4
     np.testing.assert_allclose(read[some], true[some], rtol=0.01)

@@ -1,4 +1,4 @@
-"""Resuming of an interrupted run: reads its checkpoint and checks that its input files are unchanged."""
+"""Checkpoint of an interrupted run, read so that the run can be resumed, and a check of its input files."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
