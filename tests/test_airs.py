@@ -135,8 +135,8 @@ def test_a_run_tells_both_seeds_where_it_tells_one(tmp_path):
     content = read_result(folder)
     film = xarray.open_zarr(folder / "fields.zarr").attrs
     maps = json.loads((folder / "maps.zarr" / "zarr.json").read_text())["attributes"]
-    for told in (content, film, maps, yaml.safe_load((folder / "scenario.yaml").read_text())):
-        assert (told["seed"], told["air_seed"]) == (5, 77)
+    for reported in (content, film, maps, yaml.safe_load((folder / "scenario.yaml").read_text())):
+        assert (reported["seed"], reported["air_seed"]) == (5, 77)
     assert "seed 5 and air_seed 77" in film["history"]
     assert "# seed: 5\n# air_seed: 77\n" in (folder / "scenario.yaml").read_text()
     assert ("air seed", "77") in key_facts(Run(folder, lenient=True))

@@ -372,7 +372,7 @@ def test_more_cells_than_points_are_averaged_and_no_gas_is_lost(run):
 # ---------------------------------------------------------------- what may be wrong
 
 
-def test_what_cannot_be_is_told_in_a_line(run, tmp_path, capsys):
+def test_what_cannot_be_is_reported_in_a_line(run, tmp_path, capsys):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "a.txt").touch()
     (tmp_path / "file").touch()
@@ -415,7 +415,7 @@ def test_a_bag_is_replaced_by_force_and_no_half_is_left(run, tmp_path, capsys, m
     assert (out / "bag.mcap").read_bytes() != before
 
 
-def test_without_rosbags_it_is_told_what_to_install(run, capsys, monkeypatch):
+def test_without_rosbags_it_is_reported_what_to_install(run, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "rosbags", None)
     assert export.main([str(run), "--to", "mcap"]) == 2
     assert 'pip install "taichi_plume[ros]"' in capsys.readouterr().err

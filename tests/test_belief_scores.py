@@ -49,13 +49,13 @@ def test_scores_of_simple_beliefs():
     p[1, 0, [0, 9], 2] = 0.5  # at (1.1, 0.5) or (2.9, 0.5)
     p[2] = 1 / 50
     sources = np.array([[1.9, 0.9], [9.0, 9.0]])
-    told = dict(zip(OF_BELIEFS, believed(p).scores(sources), strict=True))
-    assert told["entropy_bits"] == pytest.approx([0.0, 1.0, np.log2(50)])
-    assert told["within_reach"][:2] == pytest.approx([1.0, 0.0])
-    assert told["peak_distance_m"][:2] == pytest.approx([0.4, np.hypot(0.8, 0.4)])
-    assert told["mean_distance_m"] == pytest.approx([0.4, np.hypot(0.1, 0.4), np.hypot(0.1, 0.4)])
+    reported = dict(zip(OF_BELIEFS, believed(p).scores(sources), strict=True))
+    assert reported["entropy_bits"] == pytest.approx([0.0, 1.0, np.log2(50)])
+    assert reported["within_reach"][:2] == pytest.approx([1.0, 0.0])
+    assert reported["peak_distance_m"][:2] == pytest.approx([0.4, np.hypot(0.8, 0.4)])
+    assert reported["mean_distance_m"] == pytest.approx([0.4, np.hypot(0.1, 0.4), np.hypot(0.1, 0.4)])
     expected = [0.4, (np.hypot(0.8, 0.4) + np.hypot(1.0, 0.4)) / 2]
-    assert told["expected_distance_m"][:2] == pytest.approx(expected)
+    assert reported["expected_distance_m"][:2] == pytest.approx(expected)
     none = dict(zip(OF_BELIEFS, believed(p).scores(np.zeros((0, 2))), strict=True))
     assert np.isnan(none["peak_distance_m"]).all()
     assert none["entropy_bits"][1] == pytest.approx(1.0)
@@ -86,14 +86,14 @@ def test_a_run_leaves_its_beliefs(tmp_path, taichi):
     np.testing.assert_array_equal(read["probability"].transpose("trial", "robot", "x", "y"), one.p)
     assert read.attrs["group"] == "second"
     write_result(tmp_path, result(sim, "completed", "", "cpu", judge, scores))
-    (told,) = json.loads((tmp_path / "result.json").read_text())["beliefs"]
-    assert told["group"] == "second"
-    assert told["over_time"]["time_s"] == pytest.approx([0.0, 5.0, 8.0])
-    assert told["over_time"]["entropy_bits"][0] == pytest.approx(np.log2(80), rel=1e-3)
-    assert told["entropy_bits"] == pytest.approx(np.mean(told["per_trial"]["entropy_bits"]))
+    (reported,) = json.loads((tmp_path / "result.json").read_text())["beliefs"]
+    assert reported["group"] == "second"
+    assert reported["over_time"]["time_s"] == pytest.approx([0.0, 5.0, 8.0])
+    assert reported["over_time"]["entropy_bits"][0] == pytest.approx(np.log2(80), rel=1e-3)
+    assert reported["entropy_bits"] == pytest.approx(np.mean(reported["per_trial"]["entropy_bits"]))
     (drawn,) = beliefs_of(tmp_path)
     assert drawn.density.shape == (8, 10)
     assert drawn.density.sum() * 0.04 == pytest.approx(1.0, rel=1e-3)
     assert drawn.reach == pytest.approx((0.0, 2.0, 0.0, 1.6))
-    assert belief_rows([told])[0][0] == "second"
+    assert belief_rows([reported])[0][0] == "second"
     assert b"beliefs/1" in (tmp_path / "recording.rrd").read_bytes()

@@ -46,14 +46,14 @@ def test_a_check_fits_on_a_screen_and_is_the_same_scenario(path, folder, capsys)
     """The keys of the file, what follows from them, and the size; of the defaults nothing, unless asked for."""
     written = yaml.safe_load(path.read_text())
     assert run.main([str(path), "--check", "--out", str(folder / "there")]) == 0
-    told = capsys.readouterr().out
-    assert len(told.splitlines()) <= 60
-    assert max(map(len, told.splitlines())) <= 160
-    assert not LONG.search(told)
+    reported = capsys.readouterr().out
+    assert len(reported.splitlines()) <= 60
+    assert max(map(len, reported.splitlines())) <= 160
+    assert not LONG.search(reported)
     for name in ("room", "time", "size", "scene"):
-        assert re.search(rf"^# {name} ", told, re.MULTILINE), name
-    assert set(yaml.safe_load(told)) == set(written)
-    scenario = Scenario.model_validate(yaml.safe_load(told))
+        assert re.search(rf"^# {name} ", reported, re.MULTILINE), name
+    assert set(yaml.safe_load(reported)) == set(written)
+    scenario = Scenario.model_validate(yaml.safe_load(reported))
     assert scenario == Scenario.model_validate(written)
     for wide in (60, 120):
         text = checking.explained(scenario, wide)
@@ -68,10 +68,10 @@ def test_numbers_are_printed_as_they_were_meant(folder, capsys):
     options = [f"--set={value}" for value in values]
     for whole in ([], ["--all"]):
         assert run.main(["s.yaml", *options, "--check", *whole]) == 0
-        told = capsys.readouterr().out
+        reported = capsys.readouterr().out
         for text in ("rate: 20 mg/s", "spacing: 7 cm", "warm_up: 0.3 s", "reach: 0.35 m"):
-            assert text in told
-        assert not LONG.search(told)
+            assert text in reported
+        assert not LONG.search(reported)
     assert run.main(["s.yaml", "--set", "gas.sources.0.rate=1.9999999999999998e-05", "--check"]) == 0
     assert "rate: 20 mg/s" in capsys.readouterr().out
 
@@ -134,13 +134,13 @@ def test_every_key_is_explained_where_it_comes_first(tmp_path):
 def test_a_check_can_be_run_again_and_lists_what_is_unlikely(folder, capsys):
     overrides = ["--set", "robots.0.reach=0", "--set", "gas.sources.0.rate=0"]
     assert run.main(["s.yaml", *overrides, "--check"]) == 0
-    told = capsys.readouterr()
-    notes = [line.removeprefix("note: ") for line in told.err.splitlines()]
+    reported = capsys.readouterr()
+    notes = [line.removeprefix("note: ") for line in reported.err.splitlines()]
     assert len(notes) >= 2
     assert [f"# unlikely {n}: {note}" for n, note in enumerate(notes, 1)] == [
-        line for line in told.out.splitlines() if line.startswith("# unlikely")
+        line for line in reported.out.splitlines() if line.startswith("# unlikely")
     ]
-    (folder / "again.yaml").write_text(told.out)
+    (folder / "again.yaml").write_text(reported.out)
     assert load("again.yaml").scenario == load("s.yaml", overrides[1::2]).scenario
 
 
@@ -157,7 +157,7 @@ def test_notes_stand_at_the_end_of_what_a_terminal_shows(folder, capsys, monkeyp
     assert any(line.startswith("# unlikely 1: robots[0].reach: 0 m") for line in lines[-5:])
 
 
-def test_the_scene_is_drawn_and_told(folder, capsys):
+def test_the_scene_is_drawn_and_reported(folder, capsys):
     assert run.main(["s.yaml", "--check"]) == 0
     (scene,) = re.findall(r"^# scene +(.*)$", capsys.readouterr().out, re.MULTILINE)
     assert scene == str(Path("runs/run-check.png"))
@@ -173,8 +173,8 @@ def test_what_is_no_picture_is_kept(folder, capsys):
     Path("there").mkdir()
     Path("there/check.png").write_text("mine")
     assert run.main(["s.yaml", "--check", "--out", "there"]) == 0
-    told = capsys.readouterr()
-    assert told.err == f"note: {Path('there/check.png')}: is no picture, and stays as it is\n"
+    reported = capsys.readouterr()
+    assert reported.err == f"note: {Path('there/check.png')}: is no picture, and stays as it is\n"
     assert Path("there/check.png").read_text() == "mine"
     assert [file.name for file in Path("there").iterdir()] == ["check.png"]
     Path("there/other").touch()
@@ -187,10 +187,10 @@ def test_a_folder_that_cannot_be_written_to_is_a_note(folder, name, capsys):
     Path(name.split("/")[0]).write_text("a file")
     options = ["--out", name] if name != "runs" else []
     assert run.main(["s.yaml", "--check", *options]) == 0
-    told = capsys.readouterr()
-    assert re.fullmatch(r"note: .*check\.png: cannot be written: .*\n", told.err)
-    assert re.search(r"^# scene +not drawn", told.out, re.MULTILINE)
-    assert yaml.safe_load(told.out)["duration"] == "10 s"
+    reported = capsys.readouterr()
+    assert re.fullmatch(r"note: .*check\.png: cannot be written: .*\n", reported.err)
+    assert re.search(r"^# scene +not drawn", reported.out, re.MULTILINE)
+    assert yaml.safe_load(reported.out)["duration"] == "10 s"
 
 
 def test_a_link_is_replaced_and_not_followed(folder, capsys):

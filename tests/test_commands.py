@@ -40,13 +40,13 @@ def test_every_module_with_a_main_is_a_command():
 
 
 @pytest.mark.parametrize("line", [[], ["fly"], ["casting_room.yaml"], ["\x1b[2J"]])
-def test_what_is_no_command_is_told(line, capsys):
+def test_what_is_no_command_is_reported(line, capsys):
     with pytest.raises(SystemExit) as end:
         commands.main(line)
     assert end.value.code == 2
-    told = capsys.readouterr().err
-    assert "taichi-plume: error:" in told
-    assert "\x1b" not in told
+    reported = capsys.readouterr().err
+    assert "taichi-plume: error:" in reported
+    assert "\x1b" not in reported
 
 
 WRONG = {
@@ -71,11 +71,11 @@ def refused(name, *line):
 def test_input_that_does_not_exist_is_one_line_and_exit_code_2(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert refused(name, *(part.format(WICKED) for part in WRONG[name])) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert told.err.count("\n") == 1
-    assert r"a\x1b]0;x\x07\nb\u202e" in told.err
-    assert told.err[:-1].isprintable()
+    reported = capsys.readouterr()
+    assert reported.out == ""
+    assert reported.err.count("\n") == 1
+    assert r"a\x1b]0;x\x07\nb\u202e" in reported.err
+    assert reported.err[:-1].isprintable()
     assert not list(tmp_path.iterdir())
 
 
@@ -86,9 +86,9 @@ NO_RUN = "report .;picture .;export . --to csv;repair .;repair . --verify;statis
 def test_a_folder_of_no_run_is_one_line_and_exit_code_2(line, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert commands.main(line.split()) == 2
-    told = capsys.readouterr().err
-    assert told.startswith(".: ")
-    assert told.count("\n") == 1
+    reported = capsys.readouterr().err
+    assert reported.startswith(".: ")
+    assert reported.count("\n") == 1
     assert not list(tmp_path.iterdir())
 
 
@@ -153,12 +153,12 @@ def test_numbers_out_of_their_range_are_refused(line, capsys):
 
 
 def test_help_lists_all(capsys):
-    for option, told in (("--help", list(commands.COMMANDS)), ("--version", [__version__])):
+    for option, reported in (("--help", list(commands.COMMANDS)), ("--version", [__version__])):
         with pytest.raises(SystemExit) as end:
             commands.main([option])
         assert end.value.code == 0
         out = capsys.readouterr().out
-        assert all(one in out for one in told)
+        assert all(one in out for one in reported)
 
 
 def at_a_shell(script, folder):
@@ -177,20 +177,20 @@ def at_a_shell(script, folder):
 
 @pytest.mark.skipif(os.name != "posix", reason="a shell of POSIX")
 @pytest.mark.parametrize("command", [" run s.yaml --check", ".scenario --explain gas", ".report none"])
-def test_a_working_folder_that_was_deleted_is_told_in_a_line(command, tmp_path):
+def test_a_working_folder_that_was_deleted_is_reported_in_a_line(command, tmp_path):
     script = f'mkdir gone && cd gone && rmdir "$PWD" && $python -m taichi_plume{command}'
-    code, told = at_a_shell(script, tmp_path)
+    code, reported = at_a_shell(script, tmp_path)
     assert code == 2
-    assert told.count("\n") == 1
-    assert "folder" in told
+    assert reported.count("\n") == 1
+    assert "folder" in reported
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a shell of POSIX")
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "<&- >&-"])
 def test_a_stream_that_is_closed_goes_nowhere_and_no_file_takes_its_number(closed, tmp_path):
     look = "import sys, taichi_plume; f = open('f', 'w'); print(f.fileno(), file=sys.stderr); print('out'); input"
-    code, told = at_a_shell(f'$python -c "{look}" {closed}', tmp_path)
-    assert (code, int(told) > 2) == (0, True), told
+    code, reported = at_a_shell(f'$python -c "{look}" {closed}', tmp_path)
+    assert (code, int(reported) > 2) == (0, True), reported
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a shell of POSIX")
@@ -200,5 +200,5 @@ def test_a_check_with_nowhere_to_print_ends_well(tmp_path):
         " gas: {kind: eulerian, sources: [{position: [0.2, 0.4], rate: 1.0e-6}]}}"
     )
     for closed in (">&-", "2>&-", ">&- 2>&-"):
-        code, told = at_a_shell(f"$python -m taichi_plume.run s.yaml --check {closed}", tmp_path)
-        assert (code, "Traceback" in told) == (0, False), told
+        code, reported = at_a_shell(f"$python -m taichi_plume.run s.yaml --check {closed}", tmp_path)
+        assert (code, "Traceback" in reported) == (0, False), reported

@@ -25,7 +25,7 @@ def result_of(name: str, out: Path, *options: str) -> dict:
 
 
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
-def test_configs_are_valid_and_told(path):
+def test_configs_are_valid_and_reported(path):
     scenario, resources = load(path)
     assert scenario.name == path.stem
     assert resources.warnings == []
@@ -33,7 +33,7 @@ def test_configs_are_valid_and_told(path):
 
 
 @pytest.mark.parametrize("path", sorted((CONFIGS / "studies").glob("*.yaml")), ids=lambda path: path.stem)
-def test_studies_are_valid_and_told(path):
+def test_studies_are_valid_and_reported(path):
     assert path.read_text().startswith("# "), "its header says what it asks and how long it takes"
     if "base" not in yaml.safe_load(path.read_text()):
         assert load(path).scenario.name == path.stem
@@ -111,11 +111,11 @@ def test_whiffs_is_the_story_of_its_header(tmp_path):
     result = result_of("whiffs", tmp_path, "--no-recording", "--duration", "30")
     assert abs(result["gas"]["relative_error"]) <= 1e-6
     assert statistics([str(tmp_path), "--range", "0.8", "8", "--no-page"]) == 0
-    told = json.loads((tmp_path / "statistics/statistics.json").read_text())
-    assert told["longest_step_s"] == pytest.approx(0.025)
-    (plumes,) = (one for one in told["probes"] if one["name"] == "all")
+    reported = json.loads((tmp_path / "statistics/statistics.json").read_text())
+    assert reported["longest_step_s"] == pytest.approx(0.025)
+    (plumes,) = (one for one in reported["probes"] if one["name"] == "all")
     assert all(plumes[kind]["law"]["count"] > 30 for kind in ("whiffs", "blanks"))
-    slow, fast = told["sensors"][:2]
+    slow, fast = reported["sensors"][:2]
     assert slow["share"] < 0.2
     assert fast["share"] > 0.8
 

@@ -39,13 +39,13 @@ def test_a_declaration_is_the_first_right_one_or_the_last():
     now["declared_time"][:5] = [9.0, 7.0, 4.0, 5.0, 6.0]
     now["declared_position"][:5] = [[1.0, 1.0], [1.0, 1.3], [2.0, 1.0], [1.0, 5.0], [1.0, 0.5]]
     now["reached_time"][[2, 5, 6]] = [8.0, 3.0, np.nan]
-    told = declared_outcomes(searchers(2, 4, begin=2.0), now, np.array([[1.0, 1.0], [50.0, 50.0]]))
-    assert told["outcome"] == ["declared", "reached", "reached", "neither"]
-    assert told["declared_time_s"] == pytest.approx([5.0, 3.0, 4.0, np.nan], nan_ok=True)
-    assert told["localisation_error_m"] == pytest.approx([0.3, 4.0, 0.5, np.nan], nan_ok=True)
-    assert told["declarations"] == [4, 2, 2, 0]
-    assert told["false_declarations"] == [2, 2, 2, 0]
-    assert told["reached_time_s"] == pytest.approx([np.nan, 6.0, 1.0, np.nan], nan_ok=True)
+    reported = declared_outcomes(searchers(2, 4, begin=2.0), now, np.array([[1.0, 1.0], [50.0, 50.0]]))
+    assert reported["outcome"] == ["declared", "reached", "reached", "neither"]
+    assert reported["declared_time_s"] == pytest.approx([5.0, 3.0, 4.0, np.nan], nan_ok=True)
+    assert reported["localisation_error_m"] == pytest.approx([0.3, 4.0, 0.5, np.nan], nan_ok=True)
+    assert reported["declarations"] == [4, 2, 2, 0]
+    assert reported["false_declarations"] == [2, 2, 2, 0]
+    assert reported["reached_time_s"] == pytest.approx([np.nan, 6.0, 1.0, np.nan], nan_ok=True)
     nowhere = declared_outcomes(searchers(2, 4), now, np.zeros((0, 2)))
     assert np.isnan(nowhere["localisation_error_m"]).all()
 
@@ -54,10 +54,10 @@ def test_a_declaration_is_the_first_right_one_or_the_last():
 def test_who_may_declare_and_has_not_has_none(algorithm, found):
     """Of others it is not known what they would have said."""
     group = searchers(1, 2, algorithm=algorithm, found=found)
-    told = declared_outcomes(group, said_of(2), np.array([[1.0, 1.0]]))
-    assert (told["declarations"], told["false_declarations"]) == ([0, 0], [0, 0])
-    assert not has_declared(told)
-    assert np.isnan(told["localisation_error_m"] + told["declared_time_s"]).all()
+    reported = declared_outcomes(group, said_of(2), np.array([[1.0, 1.0]]))
+    assert (reported["declarations"], reported["false_declarations"]) == ([0, 0], [0, 0])
+    assert not has_declared(reported)
+    assert np.isnan(reported["localisation_error_m"] + reported["declared_time_s"]).all()
 
 
 def test_shares_of_outcomes():
@@ -67,12 +67,12 @@ def test_shares_of_outcomes():
         "false_declarations": [0, 0, 1, 1], "declared_time_s": [3.0, None, 5.0, 7.0],
         "localisation_error_m": [0.1, None, 0.2, 0.9],
     }  # fmt: skip
-    told = scores.trial_summary(trials, 10.0)
-    assert [told[f"{name}_rate"]["mean"] for name in OUTCOMES] == [0.5, 0.25, 0.25]
-    assert told["localisation_error_m"]["mean"] == pytest.approx(0.4)
-    assert told["localisation_error_m"]["n"] == 3
-    assert told["declared_time_s"]["mean"] == pytest.approx(5.0)
-    assert told["false_declarations"]["mean"] == 0.5
+    reported = scores.trial_summary(trials, 10.0)
+    assert [reported[f"{name}_rate"]["mean"] for name in OUTCOMES] == [0.5, 0.25, 0.25]
+    assert reported["localisation_error_m"]["mean"] == pytest.approx(0.4)
+    assert reported["localisation_error_m"]["n"] == 3
+    assert reported["declared_time_s"]["mean"] == pytest.approx(5.0)
+    assert reported["false_declarations"]["mean"] == 0.5
     none = {"declarations": [None] * 4, "false_declarations": [None] * 4}
     silent = scores.trial_summary(trials | none, 10.0)
     assert silent["declared_rate"] == {"mean": None, "low": None, "high": None, "n": 0}
@@ -95,14 +95,14 @@ def lines(sim) -> dict[str, str]:
 def test_the_summary_tells_what_was_declared():
     wrong, right = (2.0, (1.0, 2.5), False), (3.0, (0.6, 1.2), True)
     assert "own declared" not in lines(run())
-    told = lines(run([wrong, right]))
-    assert told["own declared"] == (
+    reported = lines(run([wrong, right]))
+    assert reported["own declared"] == (
         "rightly in 1 of 2 trials; in 0 more a robot reached a source, in 1 neither; localisation error 0.3 m; "
         "time to declare 3 s; 1 false declaration in all"
     )
-    told = lines(run([wrong], [{"trials": 1, "found": "declared"}]))
-    assert told["own declared"] == "falsely after 2.0 s, 1.08 m from a source; 1 false declaration"
-    assert told["own"].startswith("own, 0 of 2 robots found a source by declaring")
+    reported = lines(run([wrong], [{"trials": 1, "found": "declared"}]))
+    assert reported["own declared"] == "falsely after 2.0 s, 1.08 m from a source; 1 false declaration"
+    assert reported["own"].startswith("own, 0 of 2 robots found a source by declaring")
 
 
 @pytest.mark.parametrize("rivals", [True, False])

@@ -1,4 +1,4 @@
-"""Whole runs with drones: what they smell, where they search, what is told of them, and what is refused."""
+"""Whole runs with drones: what they smell, where they search, what is reported about them, and what is refused."""
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -120,8 +120,8 @@ def test_sensors_and_scores_of_drones_are_in_space(flock):
     sim = flock("robots.0.start.positions=[[0.8, 1.6], [3.4, 1.7]]")
     sim.observe()
     (group,) = sim.swarm.groups
-    told = trial_outcomes(group, sim.swarm.snapshot(), source_places(sim))
-    assert told["final_distance_m"][0] == pytest.approx(1.5 - 0.8 - group.model.body.height / 2, abs=1e-5)
+    reported = trial_outcomes(group, sim.swarm.snapshot(), source_places(sim))
+    assert reported["final_distance_m"][0] == pytest.approx(1.5 - 0.8 - group.model.body.height / 2, abs=1e-5)
     keys = "robots.0.start.positions=[[3.4, 1.7], [3.8, 1.5]]", "gas.sources.0.position=[0.8, 1.6, 1.0]"
     sim = flock(*keys)
     sim.advance()
@@ -248,8 +248,8 @@ def test_drones_are_driven_from_outside(path):
     service.attach(sim, SignalRequests())
     service.publish()
     service.close()
-    told = ros.decode(TRANSFORMS, dict(link.messages)["tf"]).transforms
-    assert [one.transform.translation.z for one in told] == pytest.approx(now["altitude"].tolist())
+    reported = ros.decode(TRANSFORMS, dict(link.messages)["tf"]).transforms
+    assert [one.transform.translation.z for one in reported] == pytest.approx(now["altitude"].tolist())
 
 
 class Link:
@@ -300,7 +300,7 @@ def test_drones_neither_learn_nor_compete(path):
 
 
 @pytest.mark.parametrize(
-    ("key", "told"),
+    ("key", "reported"),
     [
         ("body={mass: 1}", r"body.mass: is for drones"),
         ("body={kind: drone, radius: 0.1}", r"body.radius: 0.1 m is less than arm"),
@@ -313,8 +313,8 @@ def test_drones_neither_learn_nor_compete(path):
         ("algorithm.highest=0.1", r"algorithm.lowest: 0.3 m must be below highest"),
     ],
 )
-def test_what_drones_are_refused(path, key, told):
-    with pytest.raises(ScenarioError, match=rf"robots\[0\].{told}"):
+def test_what_drones_are_refused(path, key, reported):
+    with pytest.raises(ScenarioError, match=rf"robots\[0\].{reported}"):
         load_scenario(path, [f"robots.0.{key}"])
 
 

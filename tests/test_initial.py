@@ -143,18 +143,18 @@ def test_a_film_goes_on_from_one_of_its_moments_on_any_grid(tmp_path):
     finer = assembled(BOX, tmp_path, wind=wind, gas=gas, domain={"size": [2, 2], "spacing": 2 / 32})
     assert held == pytest.approx(finer.gas.gases[0].budget()["initial_kg"], rel=1e-3)
     assert np.abs(velocities(finer)[0]).max() == pytest.approx(fastest, rel=0.02)
-    for change, told in [
+    for change, reported in [
         ({"film": "fields.zarr", "at": 7}, r"wind.initial.at: 7 s is not in .*, which shows 0 to 1 s"),
         ({"film": "none.zarr"}, r"wind.initial.film: .*none.zarr: does not exist"),
     ]:
-        with pytest.raises(ScenarioError, match=told):
+        with pytest.raises(ScenarioError, match=reported):
             assembled(BOX, tmp_path, wind=BOX["wind"] | {"initial": change})
     with pytest.raises(ScenarioError, match=r"shows 2 x 2 m, the domain is 3 x 2 m"):
         assembled(BOX, tmp_path, wind=wind, domain={"size": [3, 2], "spacing": 0.1})
 
 
 @pytest.mark.parametrize(
-    ("section", "initial", "told"),
+    ("section", "initial", "reported"),
     [
         ("wind", {"velocity": ["1/x", 0]}, r"wind.initial.velocity\[0\]: at \(0, 0.0625\) m it is inf m/s"),
         ("wind", {"velocity": ["z", 0]}, "wind.initial: has z"),
@@ -174,8 +174,8 @@ def test_a_film_goes_on_from_one_of_its_moments_on_any_grid(tmp_path):
         ("gas", {"concentration": "3e6 ppm"}, "at most 1e.06 ppm"),
     ],
 )
-def test_what_cannot_begin_so_is_told(section, initial, told):
-    with pytest.raises((ScenarioError, ValidationError), match=told):
+def test_what_cannot_begin_so_is_reported(section, initial, reported):
+    with pytest.raises((ScenarioError, ValidationError), match=reported):
         checked(Scenario.model_validate(BOX | {section: BOX[section] | {"initial": initial}}), Path())
 
 

@@ -1,4 +1,4 @@
-"""No input is waited for: pipes, devices and folders in place of files are told at once."""
+"""No input is waited for: pipes, devices and folders in place of files are reported at once."""
 
 import os
 from pathlib import Path
@@ -53,9 +53,9 @@ def case(tmp_path, request) -> Path:
 def test_inputs_of_scenarios(case, what, capsys):
     (case / "s.yaml").write_text(SCENARIO.format(**USUAL | INPUTS[what]))
     assert run.main([str(case / "s.yaml"), "--check", "--allow-outside"]) == 2
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1
-    assert "NAME" in told or "FOLDER" in told
+    reported = capsys.readouterr().err
+    assert reported.count("\n") == 1
+    assert "NAME" in reported or "FOLDER" in reported
 
 
 def test_the_scenario_itself(case, capsys):
@@ -66,6 +66,6 @@ def test_the_scenario_itself(case, capsys):
 @pytest.mark.parametrize("name", ["NAME", "NAME.csv", "NAME.parquet"])
 def test_readings(case, capsys, name):
     assert maps.main([str(case / name), "--size", "4", "3", "--out", str(case / "map")]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith(f"{case / name}: ")
-    assert told.count("\n") == 1
+    reported = capsys.readouterr().err
+    assert reported.startswith(f"{case / name}: ")
+    assert reported.count("\n") == 1

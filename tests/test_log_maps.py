@@ -1,4 +1,4 @@
-"""Maps of a whole log: they forget nothing unless told, and what they forget they say."""
+"""Maps of a whole log: they forget nothing unless given, and what they forget they say."""
 
 import json
 from dataclasses import replace
@@ -85,22 +85,22 @@ def test_a_map_of_a_log_is_of_all_its_readings(kind, reference, rel):
 def test_a_time_series_of_a_log_reaches_back_to_its_begin(keys):
     """Eq 1 to 7 with 120 snaps of all the readings, the first of which is half the neighbourhood away."""
     readings = log()
-    told = model(**{"kind": "time_series", "cell": 0.25} | keys)
-    assert isinstance(told, TimeSeriesMap)
-    made = map_of(readings, told, SIZE)
+    reported = model(**{"kind": "time_series", "cell": 0.25} | keys)
+    assert isinstance(reported, TimeSeriesMap)
+    made = map_of(readings, reported, SIZE)
     assert made.scores["chosen_for_the_log"]["window"] == pytest.approx(5.0)
     assert made.scores["forgotten"] == 0
     scale = made.scores["chosen_for_the_log"]["time_scale"]
     t = np.round(readings.t - readings.t[0], 6)
     snap = np.maximum(np.ceil(t / 5.0 - 1e-9), 1.0).astype(int) - 1
-    places = centers(told.cell).reshape(-1, 2)
+    places = centers(reported.cell).reshape(-1, 2)
     between = cdist(places, places)
     above, below = np.zeros(len(places)), np.zeros(len(places))
     for k in range(120):
         of = snap == k
-        w = np.maximum(cdist(places, readings.place[of]), told.cell / 2) ** -2.0
-        dist = told.alpha * between + (1.0 - told.alpha) * scale * (120 - k) * 5.0
-        near = np.where(dist < told.beta - 1e-9, 1.0 / dist, 0.0)
+        w = np.maximum(cdist(places, readings.place[of]), reported.cell / 2) ** -2.0
+        dist = reported.alpha * between + (1.0 - reported.alpha) * scale * (120 - k) * 5.0
+        near = np.where(dist < reported.beta - 1e-9, 1.0 / dist, 0.0)
         assert near.any(axis=1).all(), k
         above += near @ (w @ readings.reading[of])
         below += near @ w.sum(axis=1)
@@ -120,12 +120,12 @@ TOLD = [
 @pytest.mark.parametrize(("keys", "slack"), TOLD, ids=lambda keys: str(keys))
 def test_what_is_said_to_be_forgotten_is_what_changes_nothing(keys, slack):
     """Other values of the forgotten readings, the oldest ones, make the same map; of the next reading they do not."""
-    readings, told = log(), model(**{"cell": 0.25, **keys})
+    readings, reported = log(), model(**{"cell": 0.25, **keys})
 
     def made(number: slice | int) -> GasMap:
         values = readings.reading.copy()
         values[number] += 50.0
-        return map_of(replace(readings, reading=values), told, SIZE)
+        return map_of(replace(readings, reading=values), reported, SIZE)
 
     whole = made(slice(0, 0))
     forgotten = whole.scores["forgotten"]
@@ -137,10 +137,10 @@ def test_what_is_said_to_be_forgotten_is_what_changes_nothing(keys, slack):
 
 def test_samples_far_from_every_cell_count_as_forgotten():
     """Cells of 1 m, a neighbourhood of 0.2 m / 0.5 on the ground: what is beyond is in no cell."""
-    told = model(kind="time_series", raw_samples=True, cell=1.0, alpha=0.5, beta=0.2, time_scale=1e-4)
+    reported = model(kind="time_series", raw_samples=True, cell=1.0, alpha=0.5, beta=0.2, time_scale=1e-4)
     places = np.array([[0.5, 0.5], [0.5, 0.8], [0.5, 0.95], [0.99, 0.99], [1.7, 0.4]])
     readings = Readings(np.arange(5.0), places, np.full(5, 7.0), np.zeros((5, 2)), np.arange(5))
-    made = map_of(readings, told, (2.0, 1.0))
+    made = map_of(readings, reported, (2.0, 1.0))
     assert made.scores["forgotten"] == 2
     np.testing.assert_allclose(made.estimate, 7.0, rtol=1e-6)
 
@@ -157,8 +157,8 @@ def test_long_logs_of_large_floors_have_fewer_snaps():
     """No more memory than a floor of some rooms needs, whatever its cells."""
     readings = log(1000, 60.0)
     for cell in (0.25, 0.02, 0.01):
-        told, chosen = of_log(model(kind="time_series", cell=cell), readings, (40.0, 30.0))
-        assert told.bytes((40.0, 30.0), 1.0) < 2e9
+        reported, chosen = of_log(model(kind="time_series", cell=cell), readings, (40.0, 30.0))
+        assert reported.bytes((40.0, 30.0), 1.0) < 2e9
         assert chosen["window"] >= 499.0
     assert of_log(model(kind="kernel_dmv"), readings, SIZE)[1] == {}
 

@@ -59,7 +59,7 @@ def inverse_distance(window: float) -> InverseDistanceMap:
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """A run to its end with its robots.parquet, and what its second trial's maps told."""
+    """A run to its end with its robots.parquet, and what its second trial's maps reported."""
     kernels.start("cpu")
     path = tmp_path_factory.mktemp("run") / "readings.yaml"
     path.write_text(SCENARIO)
@@ -69,19 +69,19 @@ def recorded(tmp_path_factory):
     sim.observers.append(table.observer())
     sim.run()
     table.close()
-    told = []
+    reported = []
     for gas_map in sim.maps:
         one: Any = gas_map
         variance = one.variance()[1] if hasattr(one, "variance") else None
         errors = [(t, error[1]) for t, error in one.errors]
-        told.append((one.estimate()[1], one.weight()[1], variance, errors))
-    return sim.scenario, table.path, told
+        reported.append((one.estimate()[1], one.weight()[1], variance, errors))
+    return sim.scenario, table.path, reported
 
 
 @pytest.mark.parametrize("number", range(4))
 def test_readings_of_a_run_give_the_maps_of_the_run(recorded, number):
-    scenario, table, told = recorded
-    estimate, weight, variance, errors = told[number]
+    scenario, table, reported = recorded
+    estimate, weight, variance, errors = reported[number]
     model = scenario.maps[number]
     written = type(model).model_validate(model.model_dump())  # with all defaults, as in a run's scenario.yaml
     gas_map = map_of(read(table, trial=1), written, (2.0, 1.5))
@@ -100,7 +100,7 @@ def test_readings_of_a_run_give_the_maps_of_the_run(recorded, number):
 
 @pytest.mark.parametrize("number", [0, 1])
 def test_the_command_writes_map_picture_and_scores(recorded, number, tmp_path, capsys):
-    _, table, told = recorded
+    _, table, reported = recorded
     kinds = ("{kind: time_series, window: 5}", "{kind: kernel_dmv, cell: 10 cm, wind_stretch: 0.25}")
     out = tmp_path / "out"
     where = ["--size", "2 m", "1.5", "--source", "0.3", "70 cm", "--trial", "1", "--group", "walkers"]
@@ -108,8 +108,8 @@ def test_the_command_writes_map_picture_and_scores(recorded, number, tmp_path, c
     scores = json.loads((out / "scores.json").read_text())
     assert scores["readings"] == 600
     rows = np.genfromtxt(out / "map.csv", delimiter=",", names=True)
-    columns = [rows[name].reshape(told[number][0].shape) for name in ("ppm", "weight")]
-    for column, expected in zip(columns, told[number], strict=False):
+    columns = [rows[name].reshape(reported[number][0].shape) for name in ("ppm", "weight")]
+    for column, expected in zip(columns, reported[number], strict=False):
         np.testing.assert_allclose(column, expected, rtol=1e-5)
     assert ("variance_ppm2" in (rows.dtype.names or ())) == (number == 1)
     best = np.nanargmax(rows["ppm"])
@@ -182,7 +182,7 @@ def test_the_last_readings_are_in_the_map(mapped):
 
 
 def test_windows_of_a_field_are_cut_as_in_a_run(mapped):
-    """Against the map of readings told one by one since 0 s, in a log that begins at 6 s."""
+    """Against the map of readings reported one by one since 0 s, in a log that begins at 6 s."""
     model = MarkovMap(kind="gmrf", cell=0.25, window=2.0, memory=20.0)
     rng = np.random.default_rng(4)
     rows = [(6.25 + 0.5 * k, *rng.uniform(0, 1, 2), rng.uniform(0, 90)) for k in range(24)]

@@ -18,7 +18,7 @@ GOOD = "t,x,y,reading\n1,0,0,2\n"
 
 
 @pytest.mark.parametrize(
-    ("text", "options", "told"),
+    ("text", "options", "reported"),
     [
         ("t,x,reading\n1,0,2\n", [], "no column y; it has t, x, reading"),
         (None, [], "cannot be read"),
@@ -42,21 +42,24 @@ GOOD = "t,x,y,reading\n1,0,0,2\n"
         (GOOD, ["--map={kind: gmrf, cell: 0.02}", "--size", "40", "40"], "--map.cell: 0.02 m makes more than 400"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_told_in_one_line(text, options, told, tmp_path, capsys):
+def test_what_is_wrong_is_told_in_one_line(text, options, reported, tmp_path, capsys):
     path = tmp_path / "a.csv"
     if text is not None:
         path.write_text(text)
     assert maps.main([str(path), "--size", "2", "1", "--out", str(tmp_path / "out"), *options]) == 2
     error = capsys.readouterr().err
-    assert told in error
+    assert reported in error
     assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
 
 def test_options_that_are_missing(capsys):
-    for options, told in ((["--out", "a"], "--size: is missing"), (["--size", "1", "1"], "required: --out")):
+    for options, reported in (
+        (["--out", "a"], "--size: is missing"),
+        (["--size", "1", "1"], "required: --out"),
+    ):
         assert maps.main(["a.csv", *options]) == 2
-        assert told in capsys.readouterr().err
+        assert reported in capsys.readouterr().err
 
 
 KINDS = ("time_series", "inverse_distance", "kernel_dmv", "gmrf")
@@ -70,19 +73,19 @@ def helped(capsys, *options):
 
 
 def test_help_tells_the_kinds(capsys):
-    told = helped(capsys)
-    assert all(f"\n  {kind} " in told for kind in KINDS)
-    assert "Gaussian Markov random field, cut by obstacles" in " ".join(told.split())
-    assert "raw_samples" not in told
+    reported = helped(capsys)
+    assert all(f"\n  {kind} " in reported for kind in KINDS)
+    assert "Gaussian Markov random field, cut by obstacles" in " ".join(reported.split())
+    assert "raw_samples" not in reported
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_help_tells_the_parameters_of_a_kind(kind, capsys):
-    told = helped(capsys, "--kind", kind)
-    assert told == helped(capsys, "--map", f"{{kind: {kind}}}")
-    assert "Edge of the square cells of the map. [m] (default: 0." in told
-    assert ("raw_samples" in told) == (kind == "time_series")
-    assert ("lambda_prior" in told) == (kind == "gmrf")
+    reported = helped(capsys, "--kind", kind)
+    assert reported == helped(capsys, "--map", f"{{kind: {kind}}}")
+    assert "Edge of the square cells of the map. [m] (default: 0." in reported
+    assert ("raw_samples" in reported) == (kind == "time_series")
+    assert ("lambda_prior" in reported) == (kind == "gmrf")
 
 
 def test_options_may_come_first(tmp_path):

@@ -134,7 +134,7 @@ def test_mp4_without_ffmpeg_is_one_line(folder, tmp_path, told, monkeypatch):
 
 
 def bad_folders(tmp_path: Path) -> dict[str, Path]:
-    """Folders of which no picture can be made, with what is told."""
+    """Folders of which no picture can be made, with what is reported."""
     bare = made_run.made(tmp_path / "bare", recording=False)
     cut, other, torn = (made_run.made(tmp_path / name) for name in ("cut", "other", "torn"))
     (cut / "recording.rrd").write_bytes((cut / "recording.rrd").read_bytes()[:2000])

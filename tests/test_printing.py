@@ -55,10 +55,10 @@ def said(capsys):
     """What was printed, all of which prints."""
 
     def read() -> str:
-        told = "".join(capsys.readouterr())
-        assert all(one.isprintable() or one == "\n" for one in told)
-        assert max(map(len, told.splitlines()), default=0) <= 1000
-        return told
+        reported = "".join(capsys.readouterr())
+        assert all(one.isprintable() or one == "\n" for one in reported)
+        assert max(map(len, reported.splitlines()), default=0) <= 1000
+        return reported
 
     return read
 
@@ -109,9 +109,9 @@ def test_names_of_groups_in_the_summary(tmp_path, said):
     (tmp_path / WICKED).mkdir()
     (tmp_path / WICKED / "recording.rrd").touch()
     print_summary(content, tmp_path / WICKED)
-    told = said()
-    assert "[/x]" in told
-    assert "[bold]" in told
+    reported = said()
+    assert "[/x]" in reported
+    assert "[bold]" in reported
 
 
 def test_a_group_that_looks_like_markup_is_run(tmp_path, monkeypatch, said):

@@ -88,9 +88,9 @@ def test_all_parts_are_there_with_units(small):
     assert [each.attrs["kind"] for each in one.maps] == ["time_series", "gmrf"]
     assert "variance" in one.maps[1]
     assert one.fields is one.fields
-    told = repr(one)
-    assert "small, completed, 2 s" in told
-    assert "probes.parquet" in told
+    reported = repr(one)
+    assert "small, completed, 2 s" in reported
+    assert "probes.parquet" in reported
 
 
 def test_the_film_tells_what_probes_tell(small):
@@ -152,8 +152,8 @@ def test_pandas_and_polars_find_units_in_the_file(small):
         assert set(frame.attrs["units"]) == set(frame.columns) == set(frame.attrs["meanings"])
         assert frame.attrs["units"]["wind_x"] == "m/s"
         assert frame.equals(getattr(open_run(small), name))
-        told = polars.read_parquet_metadata(path)
-        assert json.loads(told["units"]) == frame.attrs["units"]
+        reported = polars.read_parquet_metadata(path)
+        assert json.loads(reported["units"]) == frame.attrs["units"]
         assert polars.read_parquet(path)["t"].to_list() == frame["t"].tolist()
 
 
@@ -275,9 +275,9 @@ def test_what_is_there_stays_unless_by_force_and_no_half_is_left(folder, tmp_pat
 
 def test_what_is_no_file_is_never_replaced(small, tmp_path, capsys):
     os.mkfifo(tmp_path / "pipe")
-    for out, told in (("", "is a folder"), ("pipe", "is no plain file"), ("no/a.nc", "does not exist")):
+    for out, reported in (("", "is a folder"), ("pipe", "is no plain file"), ("no/a.nc", "does not exist")):
         assert export.main([str(small), "--to", "netcdf", "--force", "--out", str(tmp_path / out)]) == 2
-        assert told in capsys.readouterr().err
+        assert reported in capsys.readouterr().err
     assert (tmp_path / "pipe").is_fifo()
 
 
@@ -330,12 +330,12 @@ def test_damage_is_told_in_a_line(folder, case, sealed, capsys):
         assert not [*folder.parent.glob("out/*"), *folder.parent.glob(".out*")]
 
 
-def test_a_damaged_frame_is_told_when_it_is_exported(folder, tmp_path, capsys):
+def test_a_damaged_frame_is_reported_when_it_is_exported(folder, tmp_path, capsys):
     flipped("fields.zarr/ethanol_ppm/c/3/0/0/0")(folder)
     assert export.main([str(folder), "--to", "netcdf", "--out", str(tmp_path / "a.nc")]) == 2
-    told = capsys.readouterr().err
-    assert "frame 3 of ethanol_ppm is damaged" in told
-    assert told.count("\n") == 1
+    reported = capsys.readouterr().err
+    assert "frame 3 of ethanol_ppm is damaged" in reported
+    assert reported.count("\n") == 1
 
 
 def test_a_killed_run_is_opened_again_after_repair(folder):

@@ -93,7 +93,7 @@ def test_times_count_from_setting_off(sim):
         for one in sim.swarm.groups
     )
     assert now["success"] == later["success"] == [True]
-    assert abs(later["time_s"][0] - now["time_s"][0]) < sim.dt  # it is told what to do once in a tick
+    assert abs(later["time_s"][0] - now["time_s"][0]) < sim.dt  # it learns what to do once in a tick
     assert now["path_m"] == later["path_m"]
 
 

@@ -128,12 +128,12 @@ def test_a_terminal_that_is_closed_ends_a_run_in_order(tmp_path, ignored):
     finally:
         os.close(terminal)
     _, code = os.waitpid(number, 0)
-    told = read_result(tmp_path / "out")
+    reported = read_result(tmp_path / "out")
     if ignored:
-        assert (os.waitstatus_to_exitcode(code), told["status"]) == (0, "completed")
+        assert (os.waitstatus_to_exitcode(code), reported["status"]) == (0, "completed")
     else:
-        assert (os.waitstatus_to_exitcode(code), told["status"]) == (130, "interrupted")
-        assert told["message"].startswith("by SIGHUP")
+        assert (os.waitstatus_to_exitcode(code), reported["status"]) == (130, "interrupted")
+        assert reported["message"].startswith("by SIGHUP")
 
 
 def test_ctrl_c_while_python_ends_is_no_fault(tmp_path):

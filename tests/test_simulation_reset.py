@@ -76,14 +76,14 @@ def scenario(changes: dict) -> Scenario:
 
 def story(sim) -> list[np.ndarray]:
     """What robots, gas and maps went through, to the end."""
-    told = []
+    reported = []
     while not sim.finished:
         sim.advance()
-        told.append(
+        reported.append(
             np.column_stack([values.reshape(sim.swarm.count, -1) for values in sim.swarm.snapshot().values()])
         )
     budgets = [float(number) for gas in sim.gas.gases for number in gas.budget().values()]
-    return [np.array(told), np.array(budgets), *(np.asarray(one.estimate()) for one in sim.maps)]
+    return [np.array(reported), np.array(budgets), *(np.asarray(one.estimate()) for one in sim.maps)]
 
 
 def same(one: list[np.ndarray], other: list[np.ndarray]) -> bool:
@@ -136,7 +136,7 @@ def test_a_run_goes_on_from_a_saved_state(sim):
         ("gas.parts.0.sources.0.position", [0.9, 0.9], r"position: \(0.9, 0.9\) m is inside obstacles\[0\]"),
     ],
 )
-def test_what_a_reset_cannot_do_is_told_and_leaves_all_as_it_was(sim, path, value, line):
+def test_what_a_reset_cannot_do_is_reported_and_leaves_all_as_it_was(sim, path, value, line):
     sim.reset(scenario({}))
     sim.advance()
     state = State(sim)

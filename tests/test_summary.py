@@ -67,7 +67,7 @@ def test_maps_of_rivals_are_scored_by_name():
     assert "one arena" not in lines
 
 
-def test_groups_that_share_an_arena_are_told_so():
+def test_groups_that_share_an_arena_are_reported():
     content, lines = run(robots=RIVALS)
     assert [one["shares_arena_with"] for one in content["groups"]] == [["sweepers"], ["casters"]]
     assert lines["one arena"] == (
@@ -79,20 +79,20 @@ def test_groups_that_share_an_arena_are_told_so():
 
 
 @pytest.mark.parametrize(
-    ("robots", "told"),
+    ("robots", "reported"),
     [
         ([group("a"), group("b")], False),
         ([group("a"), group("b", algorithm={"kind": "casting", "threshold_ppm": 9})], True),
         ([group("a")], False),
     ],
 )
-def test_only_those_that_differ_are_compared(robots, told):
+def test_only_those_that_differ_are_compared(robots, reported):
     _, lines = run(robots=robots, maps=[])
-    assert ("one arena" in lines) == told
+    assert ("one arena" in lines) == reported
     assert "maps" not in lines.get("one arena", "")
 
 
-def test_trials_of_one_air_are_told():
+def test_trials_of_one_air_are_reported():
     content, lines = run()
     (team,) = content["groups"]
     assert (team["trials"], team["airs"], team["trials_differ_by"]) == (2, 1, "starts and chance")
@@ -157,7 +157,7 @@ def test_nothing_is_claimed_where_nothing_could_be_found(changes, why):
     assert ("from a source" in lines["time series map"]) == (why == "reach is 0")
 
 
-def test_who_was_found_all_the_same_is_told():
+def test_who_was_found_all_the_same_is_reported():
     """A source that has not started has a place, which robots may come to."""
     content, lines = run(gas=LATER)
     assert content["groups"][0]["no_search"] is None
@@ -213,7 +213,7 @@ def test_how_fast_the_air_mixes(more, like):
     assert "flow" not in lines
 
 
-def test_maps_of_one_kind_are_told_apart():
+def test_maps_of_one_kind_are_distinguished():
     _, lines = run(maps=[{"kind": "time_series"}, {"kind": "gmrf"}, {"kind": "time_series", "alpha": 0.5}])
     assert {"time series map (maps[0])", "gmrf map", "time series map (maps[2])"} <= set(lines)
 

@@ -59,7 +59,7 @@ def test_all_commands_work_without_it(tmp_path):
         assert (tmp_path / name).stat().st_size > 0, name
 
 
-def test_a_mesh_without_it_is_told_in_a_line(tmp_path):
+def test_a_mesh_without_it_is_reported_in_a_line(tmp_path):
     write_stl(tmp_path / "box.stl", box_triangles([0.4, 0.4, 0], [0.6, 0.6, 0.2]))
     (tmp_path / "s.yaml").write_text(SCENARIO.replace("OBSTACLE", "{kind: mesh, file: box.stl}"))
     done = python(tmp_path, "-c", WITHOUT, "run s.yaml --check")

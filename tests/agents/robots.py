@@ -17,7 +17,7 @@ AWAY = [-9, -9, 0.1], [-9, -9, 0.1, 0.1]  # disc and plate that are in nobody's 
 
 
 def group(**keys) -> Group:
-    """Casting robots, unless told; their start is for `place` alone, as tests put swarms to places of their own."""
+    """Casting robots, unless given; their start is for `place` alone, as tests put swarms to places of their own."""
     usual = {
         "count": 1,
         "algorithm": {"kind": "casting"},
@@ -27,7 +27,7 @@ def group(**keys) -> Group:
 
 
 def team(*positions, **keys) -> dict:
-    """The section of a group that casts, unless told, from these positions on."""
+    """The section of a group that casts, unless given, from these positions on."""
     start = {"kind": "positions", "positions": positions, "heading_deg": keys.pop("heading_deg", None)}
     return {"count": len(positions), "start": start, "algorithm": {"kind": "casting"}} | keys
 

@@ -34,16 +34,16 @@ def mean_and_spread(algorithm: Template) -> ti.math.vec3:
 
 def test_a_new_word_is_for_a_new_place(run):
     run.begin(MODEL)
-    told = []
+    reported = []
     beliefs = [(2.0, 1.01 * SPREAD), (2.0, 0.9 * SPREAD), (2.0, 2.0), (2.1, 0.1), (1.3, 2.0), (1.3, 0.1)]
     for t, (x, spread) in enumerate(beliefs, 1):
         consider(run.algorithm, x, 1.0, spread, float(t))
-        told.append(int(run.swarm.snapshot()["declarations"][0]))
-    assert told == [0, 1, 1, 1, 1, 2]
+        reported.append(int(run.swarm.snapshot()["declarations"][0]))
+    assert reported == [0, 1, 1, 1, 1, 2]
     consider(run.algorithm, 1.1, 1.0, 0.1, 7.0)  # not two spreads off the last word
-    told = run.swarm.snapshot()
-    assert told["declarations"] == told["false_declarations"] == 2
-    assert told["declared_position"][0] == pytest.approx((1.3, 1.0))
+    reported = run.swarm.snapshot()
+    assert reported["declarations"] == reported["false_declarations"] == 2
+    assert reported["declared_position"][0] == pytest.approx((1.3, 1.0))
 
 
 def test_who_never_declares(run):

@@ -202,14 +202,14 @@ def test_teams_cooperate_as_far_as_messages_reach(rivals):
 
 def test_neighbourhoods(rivals):
     """Robot 0 has seen 10 ppm; the others, 0.4 m and more away, tell of these:"""
-    told = [0.0, 30.0, 50.0, 11.0, 14.0]
+    reported = [0.0, 30.0, 50.0, 11.0, 14.0]
     senders = [[0, 0], [0.7, 0.4], [1.5, 1.5], [1.5, 1.5], [1.5, 1.5]]
     begin(rivals, [100.0], 1.0, is_hill=1)
     algorithm, count = rivals.algorithm, rivals.swarm.count
     times = [-1.0, 1.0, 1.0, 1.0, 1.0]
     radio = algorithm.radio
     put = uploader(radio.value, radio.sender, radio.time, algorithm.best)
-    put(*(np.tile(np.array(row), (count,) + (1,) * np.ndim(row)) for row in (told, senders, times, 10.0)))
+    put(*(np.tile(np.array(row), (count,) + (1,) * np.ndim(row)) for row in (reported, senders, times, 10.0)))
     result = ti.field(ti.i32, (count, 5))
 
     @ti.kernel

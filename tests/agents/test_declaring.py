@@ -28,12 +28,12 @@ def test_words_are_judged(swarm):
     for t, place in enumerate([(2.0, 2.0), (3.2, 1.1), (0.1, 0.1)], 1):
         swarm.declare_all(0, np.full((2, 2), place), float(t))
     swarm.declare_all(0, np.full((2, 2), np.nan), 9.0)  # nobody does
-    told = swarm.snapshot()
-    assert told["declarations"].tolist() == [3, 1]  # of the other the first word was the last
-    assert told["false_declarations"].tolist() == [2, 1]
-    assert told["declared_position"] == pytest.approx(np.array([[3.2, 1.1], [2.0, 2.0]]))
-    assert told["declared_time"].tolist() == [2.0, 1.0]
-    assert told["found"].tolist() == [False, False]
+    reported = swarm.snapshot()
+    assert reported["declarations"].tolist() == [3, 1]  # of the other the first word was the last
+    assert reported["false_declarations"].tolist() == [2, 1]
+    assert reported["declared_position"] == pytest.approx(np.array([[3.2, 1.1], [2.0, 2.0]]))
+    assert reported["declared_time"].tolist() == [2.0, 1.0]
+    assert reported["found"].tolist() == [False, False]
     assert not swarm.all_over()  # the first may still come to the source
 
 
@@ -47,16 +47,16 @@ def test_an_end_without_a_find_is_called_so(swarm):
 
 def test_a_true_word_finds(swarm):
     swarm.declare_all(0, np.array([[1.0, 2.5], [1.0, 2.2]]), 4.0)
-    told = swarm.snapshot()
-    assert told["found"].tolist() == [False, True]
-    assert told["found_time"][1] == 4.0
-    assert np.isnan(told["reached_time"]).all()
+    reported = swarm.snapshot()
+    assert reported["found"].tolist() == [False, True]
+    assert reported["found_time"][1] == 4.0
+    assert np.isnan(reported["reached_time"]).all()
 
 
 def test_where_words_find_reaching_does_not(swarm):
     swarm.begin([one.model for one in swarm.groups], SOURCES - 0.1, np.zeros(2), SOURCES, 0)
     swarm.move(1, 0.1, 0.1)
-    told = swarm.snapshot()
-    assert told["reached_time"] == pytest.approx(0.1)
-    assert told["found"].tolist() == [True, False]
+    reported = swarm.snapshot()
+    assert reported["reached_time"] == pytest.approx(0.1)
+    assert reported["found"].tolist() == [True, False]
     assert swarm.snapshot()["declarations"].tolist() == [0, 0]

@@ -76,7 +76,7 @@ def test_a_search_that_is_over_counts_no_more():
     places = ((4.0, 4.0), (1.0, 1.0))
     run = Run(MODEL, Script(np.arange(200.0), 1.0), places, size=(5.0, 5.0), sources=[(4.0, 4.0)], reach=0.2)
     run.go(30)
-    told = run.swarm.snapshot()
-    assert told["found"].tolist() == [True, False]
-    assert told["acquisitions"][0] == told["hits"][0] == 0
-    assert told["acquisitions"][1] > told["hits"][1] > 0
+    reported = run.swarm.snapshot()
+    assert reported["found"].tolist() == [True, False]
+    assert reported["acquisitions"][0] == reported["hits"][0] == 0
+    assert reported["acquisitions"][1] > reported["hits"][1] > 0

@@ -55,7 +55,7 @@ def placed(places, heading=0.0) -> Orders:
     return orders
 
 
-def test_they_wait_until_they_are_told(sim):
+def test_they_wait_until_they_are_reported(sim):
     before = sim.swarm.snapshot()["position"]
     for _ in range(5):
         sim.advance()
@@ -68,14 +68,14 @@ def test_a_robot_is_where_it_is_said_to_be_and_smells_there(sim):
     places = np.array([[1.5, 1.5], [2.5, 1.6], [1.0, 1.4], [3.5, 1.5]])
     algorithm(sim, "real").order(placed(places, 0.5), sim.t)
     sim.advance()
-    told = algorithm(sim, "real").sample()
-    np.testing.assert_allclose(told["believed_position"], places, rtol=1e-6)
-    np.testing.assert_allclose(told["believed_heading"], 0.5)
+    reported = algorithm(sim, "real").sample()
+    np.testing.assert_allclose(reported["believed_position"], places, rtol=1e-6)
+    np.testing.assert_allclose(reported["believed_heading"], 0.5)
     other = assemble(scenario_from(SCENARIO | {"robots": [team(*places.tolist(), **POSE)]}), driven=True)
     while other.tick < 1:
         other.advance()
-    assert told["reading"].min() > 0.1
-    np.testing.assert_allclose(told["reading"][:, 0], other.swarm.snapshot()["reading_ppm"], rtol=1e-5)
+    assert reported["reading"].min() > 0.1
+    np.testing.assert_allclose(reported["reading"][:, 0], other.swarm.snapshot()["reading_ppm"], rtol=1e-5)
 
 
 def test_a_real_robot_drives_and_jumps(sim):
@@ -90,7 +90,7 @@ def test_a_real_robot_drives_and_jumps(sim):
     assert np.hypot(*sim.swarm.velocity.to_numpy()[0]) == pytest.approx(0.2)  # as fast as its body can
 
 
-def test_one_that_is_not_told_stays(sim):
+def test_one_that_is_not_reported_stays(sim):
     orders = placed(np.tile([[3.0, 1.0], [3.0, 2.0]], (2, 1)) - [0.5, 0.0])
     orders.position[1:] = np.nan
     algorithm(sim, "real").order(orders, sim.t)

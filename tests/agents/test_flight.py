@@ -1,4 +1,4 @@
-"""Drones fly as told within their limits, and touch nothing in all three directions."""
+"""Drones fly as given within their limits, and touch nothing in all three directions."""
 
 from pathlib import Path
 
@@ -95,9 +95,7 @@ def test_a_velocity_is_reached_as_fast_as_the_drone_can_and_kept(flight):
     before = flight.at()
     flight.move()
     velocity = (flight.at() - before) / TICK
-    along = 0.5 * np.array(
-        [0.6 * c + 0.8 * s, 0.6 * s - 0.8 * c]
-    )  # as it was told, and no faster than it can
+    along = 0.5 * np.array([0.6 * c + 0.8 * s, 0.6 * s - 0.8 * c])  # as given, and no faster than it can
     np.testing.assert_allclose(velocity, [*along, 0.2], atol=1e-5)
 
 

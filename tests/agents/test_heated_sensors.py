@@ -65,9 +65,9 @@ def test_the_signal_is_that_of_the_equation(tick):
     e = 1.0 / 8.617333e-5
     slow = [np.exp(-0.3 * e * (1 / 423.15 - 1 / 673.15)), np.exp(-0.1 * e * (1 / 423.15 - 1 / 673.15))]
     slow.append(np.exp(-0.5 * e * (1 / 400.0 - 1 / 600.0)))
-    told = [(0.05, 0.5, slow[0], 0.087, 0.106), (0.071, 0.3, slow[1], 0.087, 0.106)]
-    told += [(0.47, 0.8, slow[2], 0.087, 0.106), (0.05, 0.5, slow[0], 0.3, 1.0)]
-    for n, numbers in enumerate(told):
+    reported = [(0.05, 0.5, slow[0], 0.087, 0.106), (0.071, 0.3, slow[1], 0.087, 0.106)]
+    reported += [(0.47, 0.8, slow[2], 0.087, 0.106), (0.05, 0.5, slow[0], 0.3, 1.0)]
+    for n, numbers in enumerate(reported):
         np.testing.assert_allclose(y[:, n], solved(LEVELS, tick, *numbers), atol=2e-3, err_msg=str(numbers))
 
 
@@ -103,7 +103,7 @@ def test_phases_are_right_after_a_million_ticks():
 
 
 @pytest.mark.parametrize(
-    ("heater", "told"),
+    ("heater", "reported"),
     [
         (
             {"hot": 300.0},
@@ -113,7 +113,7 @@ def test_phases_are_right_after_a_million_ticks():
         ({"hot": "400 degC"}, ""),
     ],
 )
-def test_what_is_no_heater_is_told(tmp_path, heater, told):
+def test_what_is_no_heater_is_reported(tmp_path, heater, reported):
     data = room(team([3.0, 1.0], sensors={"gas": MODEL | {"heater": heater}}))
     (tmp_path / "s.yaml").write_text(json.dumps(data))
     faults = []
@@ -121,4 +121,4 @@ def test_what_is_no_heater_is_told(tmp_path, heater, told):
         load(tmp_path / "s.yaml")
     except ScenarioError as error:
         faults = [line.partition("s.yaml: ")[2] for line in error.lines]
-    assert any(line.startswith(told) for line in faults) if told else not faults, faults
+    assert any(line.startswith(reported) for line in faults) if reported else not faults, faults

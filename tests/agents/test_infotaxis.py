@@ -71,11 +71,11 @@ class Bayes:
     def expected(self, p, reach, value):
         """Mean of `value` of the posteriors at p, 0 where the source is found."""
         left, chance = self.p * self.is_off(p, reach), self.chance(p)
-        told = 0.0
+        reported = 0.0
         for likelihood in (chance, 1 - chance):
             w = (left * likelihood).sum()
-            told += w * value(left * likelihood / w)
-        return told
+            reported += w * value(left * likelihood / w)
+        return reported
 
 
 REACH = 0.35

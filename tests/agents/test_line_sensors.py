@@ -210,11 +210,11 @@ def test_a_pan_unit_sweeps_to_and_fro():
         assert read == pytest.approx(9.0 * 20.0 + 0.5 * 81.0 * np.cos(angle), rel=1e-4)
 
 
-# ---------------------------------------------------------------- what is told
+# ---------------------------------------------------------------- what is reported
 
 
 @pytest.mark.parametrize(
-    ("sensor", "algorithm", "told"),
+    ("sensor", "algorithm", "reported"),
     [
         (
             {"species": "ethane"},
@@ -225,7 +225,7 @@ def test_a_pan_unit_sweeps_to_and_fro():
         ({"gives": "mean"}, {"threshold_ppm": 8}, ""),
     ],
 )
-def test_what_is_probably_not_meant_is_told(tmp_path, sensor, algorithm, told):
+def test_what_is_probably_not_meant_is_told(tmp_path, sensor, algorithm, reported):
     gas = {"kind": "gaussian_plume", "intensity": 0.1, "sources": [{"position": [1.5, 2.0], "rate": 1e-4}]}
     scenario = room(gas, (6.0, 4.0), EXACT | sensor)
     scenario["robots"][0]["algorithm"] |= algorithm
@@ -233,4 +233,6 @@ def test_what_is_probably_not_meant_is_told(tmp_path, sensor, algorithm, told):
     lines = [
         one for one in load(tmp_path / "s.yaml").resources.warnings if "species" in one or "threshold" in one
     ]
-    assert [line for line in lines if line.startswith(f"robots[0]{told}")] if told else not lines, lines
+    assert [line for line in lines if line.startswith(f"robots[0]{reported}")] if reported else not lines, (
+        lines
+    )

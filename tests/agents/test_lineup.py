@@ -91,7 +91,7 @@ def test_it_moves_at_its_speed_from_margin_to_margin(swept):
 
 
 @pytest.mark.parametrize("mirror", [False, True])
-def test_the_line_mirrors_itself_where_told(swept, mirror):
+def test_the_line_mirrors_itself_where_reported(swept, mirror):
     states, places = (values[:1100] for values in swept["mirror" if mirror else "default"])
     middle = places[:, :, 1].mean(axis=1)
     sweeping = (states == SWEEP).all(axis=1)[1:]
@@ -104,15 +104,15 @@ def test_the_line_mirrors_itself_where_told(swept, mirror):
 
 
 @pytest.mark.parametrize("angle", ANGLES)
-@pytest.mark.parametrize("told", [True, False])
-def test_the_line_lies_along_the_wind(swept, run, angle, told):
-    """Told, whatever wind it feels, or measured; across the wind neighbours are staggered by 0.3 m."""
+@pytest.mark.parametrize("reported", [True, False])
+def test_the_line_lies_along_the_wind(swept, run, angle, reported):
+    """Given, whatever wind it feels, or measured; across the wind neighbours are staggered by 0.3 m."""
     w = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
-    if told:
+    if reported:
         states, places = swept[f"told {angle}"]
     else:
         states, places = (values[:, of(run, "measured")] for values in blow(run, 0.5 * w, 70))
-    assert (states == FEEL).any() == (not told)
+    assert (states == FEEL).any() == (not reported)
     across = (places - [2.0, 1.5]) @ [-w[1], w[0]]
     in_the_middle = (states[:, 0] == SWEEP) & (np.abs(across.mean(axis=1)) < 0.05)
     line = places[np.flatnonzero(in_the_middle)[0]]

@@ -171,8 +171,8 @@ def test_maps_go_on_from_the_middle_of_a_snap(stock):
             robots.show(rng.uniform(0, EXTENT, (6, 2)), rng.exponential(20.0, 6))
             for one in maps:
                 one.update(robots, tick * DT, DT)
-        told = [layer for one in maps for layer in layers(one)]
-        return [*told, *(one.errors.values for one in maps), *(one.errors.times for one in maps)]
+        reported = [layer for one in maps for layer in layers(one)]
+        return [*reported, *(one.errors.values for one in maps), *(one.errors.times for one in maps)]
 
     go(1, 43, 1)
     saved = [state.save() for state in states]

@@ -99,16 +99,16 @@ def test_classes_of_a_file_and_handed_over_drive_robots(path):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "file", "told"),
+    ("wrong", "file", "reported"),
     [
         ("class A:\n  def act(self, robots)\n    pass", "upwind.py", "upwind.py, line 2: expected ':'"),
         ("x = 1", "upwind.py", "holds not exactly one class with a method act; there are: none"),
         (UPWIND, "gone.py", "gone.py: cannot be read: No such file"),
     ],
 )
-def test_a_file_without_an_algorithm(path, wrong, file, told):
+def test_a_file_without_an_algorithm(path, wrong, file, reported):
     (path.parent / "upwind.py").write_text(wrong)
-    with pytest.raises(ScenarioError, match=r"robots\[0\].algorithm.file: .*" + told):
+    with pytest.raises(ScenarioError, match=r"robots\[0\].algorithm.file: .*" + reported):
         load_scenario(path, [f"robots.0.algorithm.file={file}"])
 
 
@@ -120,21 +120,21 @@ def test_without_a_file_a_class_has_to_be_handed_over(path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("act", "told"),
+    ("act", "reported"),
     [
         ("if robots.t > 1: raise ValueError('\\x1b[2J')", r"upwind.py, line 4: ValueError: \x1b[2J"),
         ("raise SystemExit(0)", "upwind.py, line 4: SystemExit: 0"),
         ("raise KeyboardInterrupt", "upwind.py, line 4: KeyboardInterrupt"),
     ],
 )
-def test_a_failure_is_told_and_what_was_computed_is_kept(path, capsys, act, told):
+def test_a_failure_is_reported_and_what_was_computed_is_kept(path, capsys, act, reported):
     (path.parent / "upwind.py").write_text(f"\nclass A:\n  def act(self, robots):\n    {act}\n")
     options = ["--set", "robots.0.algorithm.parameters={}", "--no-recording", "--allow-code"]
     assert run.main([str(path), "--out", "out", *options]) == 1
-    assert told in capsys.readouterr().err
+    assert reported in capsys.readouterr().err
     kept = json.loads(Path("out/result.json").read_text())
     assert kept["status"] == "failed"
-    assert told in kept["message"]
+    assert reported in kept["message"]
     assert Path("out/robots.parquet").exists()
 
 
@@ -204,29 +204,29 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("state", "told"), WRONG)
-def test_a_state_that_is_no_plain_data(state, told):
+@pytest.mark.parametrize(("state", "reported"), WRONG)
+def test_a_state_that_is_no_plain_data(state, reported):
     with pytest.raises(OwnAlgorithmError) as error:
         UserState(Path("upwind.py"), SimpleNamespace(state=state)).state()
-    assert told in str(error.value)
+    assert reported in str(error.value)
 
 
 @pytest.mark.slow
 def test_a_failing_state_ends_a_run_whose_checkpoints_were_asked_for(started, capsys):
     """Otherwise the run matters more."""
     lines = "    def state(self):\n        1 / 0\n    def restore(self, state):\n        pass\n"
-    told = "upwind.py, line 5: ZeroDivisionError: division by zero"
+    reported = "upwind.py, line 5: ZeroDivisionError: division by zero"
     assert started(lines) == 0
     said = capsys.readouterr().err
-    assert told in said
+    assert reported in said
     assert "this run makes no checkpoint" in said
     assert started(lines, "--force", "--set=checkpoint={every: 0.5}") == 1
-    assert told in capsys.readouterr().err.splitlines()[0]
-    assert told in result()["message"]
+    assert reported in capsys.readouterr().err.splitlines()[0]
+    assert reported in result()["message"]
 
 
 @pytest.mark.slow
-def test_a_failing_restore_is_told_and_destroys_nothing(started, capsys, path):
+def test_a_failing_restore_is_reported_and_destroys_nothing(started, capsys, path):
     lines = "    def state(self):\n        return 1\n    def restore(self, state):\n        1 / 0\n"
     broken = "        if robots.t > 0.6 and not __import__('os').path.exists('mended'): 1 / 0\n"
     assert started(broken + lines, "--set=checkpoint={every: 0.2}") == 1

@@ -159,13 +159,13 @@ def wrong():
     return made(Wrong)
 
 
-@pytest.mark.parametrize(("what", "told"), WRONG)
-def test_what_cannot_be_said_is_told(wrong, what, told):
+@pytest.mark.parametrize(("what", "reported"), WRONG)
+def test_what_cannot_be_said_is_reported(wrong, what, reported):
     wrong.reset(wrong.scenario)
     algorithm(wrong).what = what
     with pytest.raises(OwnAlgorithmError) as error:
         advance(wrong, 1)
-    assert told in str(error.value)
+    assert reported in str(error.value)
     assert "\n" not in str(error.value)
 
 

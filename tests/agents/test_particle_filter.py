@@ -50,7 +50,7 @@ def likelihood(model, x, places, periods):
 
 
 class Told:
-    """Lets each robot stand where it is and smell what is told, update by update."""
+    """Lets each robot stand where it is and smell what is given, update by update."""
 
     def __init__(self, run):
         self.algorithm, self.swarm = run.algorithm, run.swarm
@@ -68,16 +68,16 @@ class Told:
 def test_posterior_is_that_of_a_grid(run):
     """Mean and spread of many filters scatter around those of the posterior in closed form, on a grid of 1 cm."""
     run.begin(MODEL)
-    told = Told(run)
+    reported = Told(run)
     axes = [(np.arange(round(length / 0.01)) + 0.5) * 0.01 for length in SIZE]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
     posterior = [np.ones(grid.shape[:2]) for _ in PLACES]
     for k, gas in enumerate(GASES, 1):
-        told.update(10 * k, gas)
+        reported.update(10 * k, gas)
         for one, x in zip(posterior, PLACES, strict=True):
             hit = likelihood(MODEL, np.array(x), grid, min(k, 8))
             one *= hit if gas else 1 - hit
-    mean, spread = told.algorithm.mean.to_numpy(), told.algorithm.spread.to_numpy()
+    mean, spread = reported.algorithm.mean.to_numpy(), reported.algorithm.spread.to_numpy()
     for robot, one in enumerate(posterior):
         one /= one.sum()
         expected = (one[..., None] * grid).sum((0, 1))
@@ -86,7 +86,7 @@ def test_posterior_is_that_of_a_grid(run):
         assert means.mean(0) == pytest.approx(expected, abs=0.02)
         assert np.abs(means - expected).max() < 0.1 < wide, "each of them, of 2,000 particles"
         assert spreads.mean() == pytest.approx(wide, rel=0.04)
-    maps = told.algorithm.beliefs()
+    maps = reported.algorithm.beliefs()
     assert maps.sum((1, 2)) == pytest.approx(1.0)
     cells = posterior[0][:, : 10 * maps.shape[2]].reshape(maps.shape[1], 10, maps.shape[2], 10).sum((1, 3))
     assert np.abs(maps[::2].mean(0) - cells).sum() < 0.15
@@ -96,19 +96,19 @@ def test_gas_is_gas_beside_what_blocks_the_way_too(run):
     spreads = []
     for state in (IN_PLUME, SIDESTEP):
         run.begin(MODEL)
-        told = Told(run)
+        reported = Told(run)
         for k in range(1, 4):
-            told.update(10 * k, 1, state)
-            assert told.algorithm.smelt.to_numpy().all()
-        spreads.append(told.algorithm.spread.to_numpy())
+            reported.update(10 * k, 1, state)
+            assert reported.algorithm.smelt.to_numpy().all()
+        spreads.append(reported.algorithm.spread.to_numpy())
     assert (spreads[0] == spreads[1]).all()
 
 
 def test_before_gas_is_smelt_every_place_is_as_likely(run):
     run.begin(MODEL)
-    told = Told(run)
-    told.update(10, 0)
-    maps = told.algorithm.beliefs()
+    reported = Told(run)
+    reported.update(10, 0)
+    maps = reported.algorithm.beliefs()
     np.testing.assert_allclose(maps, 1.0 / maps[0].size)
 
 
@@ -143,12 +143,12 @@ def test_resampling_is_systematic_and_unbiased(run):
 
 def test_filters_of_robots_are_their_own(run):
     """Alike robots draw other particles; the same run draws the same."""
-    told, seen = Told(run), []
+    reported, seen = Told(run), []
     for _ in range(2):
         run.begin(MODEL)
-        told.update(10, 1)
-        told.update(20, 1)
-        seen.append(told.algorithm.particle.to_numpy())
+        reported.update(10, 1)
+        reported.update(20, 1)
+        seen.append(reported.algorithm.particle.to_numpy())
     np.testing.assert_array_equal(*seen)
     assert (seen[0][0] != seen[0][2]).any()
 

@@ -32,10 +32,10 @@ def network(path: Path, weights: Any, bias: Any, rows: Any = "rows", kind: int |
     dtype = helper.tensor_dtype_to_np_dtype(kind)
     weights, bias = np.asarray(weights, dtype), np.asarray(bias, dtype)
     ends = [("observation", len(weights)), ("action", len(bias))]
-    told = [helper.make_tensor_value_info(name, kind, [rows, size]) for name, size in ends]
+    reported = [helper.make_tensor_value_info(name, kind, [rows, size]) for name, size in ends]
     node = helper.make_node("Gemm", ["observation", "w", "b"], ["action"])
     given = [numpy_helper.from_array(weights, "w"), numpy_helper.from_array(bias, "b")]
-    graph = helper.make_graph([node], "linear", told[:1], told[1:], given)
+    graph = helper.make_graph([node], "linear", reported[:1], reported[1:], given)
     opset = [helper.make_opsetid("", 17)]
     onnx.save(helper.make_model(graph, opset_imports=opset, ir_version=8), path)
     return path
@@ -108,7 +108,7 @@ def test_it_goes_on_from_a_checkpoint(sim: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("made", "keys", "told"),
+    ("made", "keys", "reported"),
     [
         (lambda file: network(file, *upwind(9)), {}, "takes 9 numbers, an observation has 7"),
         (
@@ -123,12 +123,12 @@ def test_it_goes_on_from_a_checkpoint(sim: Any) -> None:
         (lambda file: None, {}, "No such file"),
     ],
 )
-def test_what_does_not_fit_is_told(tmp_path: Path, made: Any, keys: Any, told: str) -> None:
+def test_what_does_not_fit_is_told(tmp_path: Path, made: Any, keys: Any, reported: str) -> None:
     made(tmp_path / "x.onnx")
     with pytest.raises(ScenarioError) as caught:
         assemble(checked(scenario(**keys), tmp_path).scenario, tmp_path)
     (line,) = caught.value.faults
-    assert told in line
+    assert reported in line
     assert line.startswith("robots[0].algorithm.file: ")
     assert "x.onnx" in line
 

@@ -45,7 +45,7 @@ IDEAL = IdealGasSensor(kind="ideal")
 
 
 def mox(model="mics5524", **keys) -> MoxSensor:
-    """Without noise, unless told."""
+    """Without noise, unless given."""
     return MoxSensor.model_validate({"kind": "mox", "model": model, "noise": 0, **keys})
 
 
@@ -67,7 +67,7 @@ class Lab:
         self.tick = 0
 
     def _groups(self, gas: dict[str, GasSensor], wind: dict[str, Anemometer]):
-        """Unless told, with a cubic calibration and a wind that is not compensated: both are compiled."""
+        """Unless given, with a cubic calibration and a wind that is not compensated: both are compiled."""
         groups = []
         for name, count in self.counts.items():
             usual = mox(calibration="cubic") if name.startswith("mox") else IDEAL
@@ -189,11 +189,11 @@ def test_gases_with_curves_of_their_own_add_up_as_what_makes_the_same_resistance
     """(R/R_air)^(-1/b) is 1 in clean air, and each gas adds what it would add alone; one is read back as it is."""
     lab = Lab(Methane(), {"mox a": 1, "mox b": 1})
     quick = {"rise_time": 0, "decay_time": 0}
-    told: dict[str, GasSensor] = {
+    reported: dict[str, GasSensor] = {
         "mox a": mox("tgs2620", **quick),
         "mox b": mox("tgs2611", **quick, calibrated_for="methane", sensitivity={"ethanol": 0.0}),
     }
-    lab.fit(None, 5, **told)
+    lab.fit(None, 5, **reported)
     for level in (0.0, 0.5, 40.0, 3000.0):
         lab.air.level[None] = level
         lab.measure()

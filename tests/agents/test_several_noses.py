@@ -186,7 +186,7 @@ def test_an_own_algorithm_steers_by_two_noses_into_the_plume(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("sensors", "told"),
+    ("sensors", "reported"),
     [
         ([], "robots[0].sensors.gas: must have at least 1 item, got 0"),
         ([EXACT] * 9, "robots[0].sensors.gas: must have at most 8 items, got 9"),
@@ -197,14 +197,14 @@ def test_an_own_algorithm_steers_by_two_noses_into_the_plume(tmp_path):
         ([EXACT, 3], "robots[0].sensors.gas[1]: must be a mapping (key: value), got 3"),
     ],
 )
-def test_faults_of_a_list_tell_its_place(sensors, told):
+def test_faults_of_a_list_tell_its_place(sensors, reported):
     with pytest.raises(ScenarioError) as error:
         scenario_from(scenario(sensors))
-    assert [line for line in error.value.faults if line.startswith(told)], error.value.faults
+    assert [line for line in error.value.faults if line.startswith(reported)], error.value.faults
 
 
 @pytest.mark.parametrize(
-    ("gas", "keys", "told"),
+    ("gas", "keys", "reported"),
     [
         (
             [EXACT, {**EXACT, "left": 7.0}],
@@ -218,8 +218,8 @@ def test_faults_of_a_list_tell_its_place(sensors, told):
         ),
     ],
 )
-def test_what_does_not_fit_is_told(tmp_path, gas, keys, told):
+def test_what_does_not_fit_is_told(tmp_path, gas, keys, reported):
     (tmp_path / "s.yaml").write_text(json.dumps(scenario(gas, **keys)))
     with pytest.raises(ScenarioError) as error:
         load(tmp_path / "s.yaml")
-    assert any(told in line for line in error.value.faults)
+    assert any(reported in line for line in error.value.faults)

@@ -109,7 +109,7 @@ def test_scales_and_ticks_are_free(stock):
 
 
 def test_maps_that_share_snaps_are_what_they_are_alone(stock):
-    """With neighbourhoods, and so buffers, of different sizes; each is told the readings, in any order."""
+    """With neighbourhoods, and so buffers, of different sizes; each gets the readings, in any order."""
     kinds = [
         map_models.TimeSeriesMap(kind="time_series", alpha=0.95),
         map_models.InverseDistanceMap(kind="inverse_distance"),

@@ -85,16 +85,16 @@ def test_rivals_search_as_if_they_were_alone_and_have_maps_of_their_own(tmp_path
         sim.run()
         return sim.swarm.snapshot()["position"], sim.maps[0].estimate(), scores.series[0]
 
-    (positions, together, told), (places, alone, ours) = (
+    (positions, together, reported), (places, alone, ours) = (
         run("rivals", "others", rivals="true"),
         run("rivals", rivals="false"),
     )
     np.testing.assert_array_equal(positions, np.concatenate([places, places]))
     np.testing.assert_array_equal(together, np.concatenate([alone, alone]))
     for name in NAMES:
-        assert told.means(name).shape[1] == 2, "one of each rival"
-        np.testing.assert_allclose(told.means(name)[:, 1:], ours.means(name), rtol=1e-6, err_msg=name)
-    np.testing.assert_allclose(told.last[:, 3:], ours.last, rtol=1e-6)
-    assert np.isfinite(told.means("nlpd")[1:]).all()
+        assert reported.means(name).shape[1] == 2, "one of each rival"
+        np.testing.assert_allclose(reported.means(name)[:, 1:], ours.means(name), rtol=1e-6, err_msg=name)
+    np.testing.assert_allclose(reported.last[:, 3:], ours.last, rtol=1e-6)
+    assert np.isfinite(reported.means("nlpd")[1:]).all()
     with pytest.raises(ScenarioError, match="too close"):
         run("rivals", "others", rivals="false")

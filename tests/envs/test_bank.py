@@ -129,9 +129,9 @@ def test_a_bank_is_written_read_and_its_own_scenarios(closed, tmp_path):
         {"task": {**TASK["task"], "airs": 3}},
         {"task": {**TASK["task"], "frame": 0.3}},
     ):
-        with pytest.raises(ValueError, match="recorded of another scenario") as told:
+        with pytest.raises(ValueError, match="recorded of another scenario") as reported:
             bank_of(scenario_from(task(**other)), HERE, path)
-        assert "\n" not in str(told.value)
+        assert "\n" not in str(reported.value)
 
 
 @pytest.mark.parametrize(
@@ -144,7 +144,7 @@ def test_a_bank_is_written_read_and_its_own_scenarios(closed, tmp_path):
         cut("air/zarr.json"),
     ],
 )
-def test_what_is_no_bank_is_told_in_a_line(closed, tmp_path, damage):
+def test_what_is_no_bank_is_reported_in_a_line(closed, tmp_path, damage):
     closed.bank.write(tmp_path / "bank.zarr")
     damage(tmp_path / "bank.zarr")
     with refused(ValueError, tmp_path / "bank.zarr", ""):
@@ -250,16 +250,16 @@ def test_the_command_writes_a_bank(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "reported"),
     [
         (["task.yaml", "--set", "task.airs=0"], "task.airs"),
         (["task.yaml", "--set", "task.airs=1000", "--set", "task.film=360000"], "lower task.airs"),
     ],
 )
-def test_the_command_tells_what_is_wrong_in_a_line(tmp_path, monkeypatch, capsys, arguments, told):
+def test_the_command_tells_what_is_wrong_in_a_line(tmp_path, monkeypatch, capsys, arguments, reported):
     monkeypatch.chdir(tmp_path)
     Path("task.yaml").write_text(yaml.safe_dump(TASK))
     assert main(arguments) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
-    assert told in lines[0]
+    assert reported in lines[0]

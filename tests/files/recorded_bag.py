@@ -30,8 +30,8 @@ def write(
 
 def pose(t: float, x: float, y: float, heading: float, kind: str = ODOMETRY, frame: str = "odom") -> Any:
     """A message with a pose."""
-    told = {"position": {"x": x, "y": y}, "orientation": ros.yawed(heading)}
-    whole = {"pose": told} if kind != POSE else told
+    reported = {"position": {"x": x, "y": y}, "orientation": ros.yawed(heading)}
+    whole = {"pose": reported} if kind != POSE else reported
     return ros.message(kind, header=ros.header(t, frame), pose=whole)
 
 

@@ -97,8 +97,8 @@ LAW: dict[str, Any] = {"raw_air": 5e4, "calib_a": 3.0, "calib_b": -0.7}
 def test_resistances_become_ppm(tmp_path):
     ppm = 10.0 * AT
     raw = 5e4 * (1 + ppm * 3.0 ** (-1 / 0.7)) ** -0.7
-    told = [(t, "/gas", gas(t, r, "ohm", **LAW)) for t, r in zip(AT, raw, strict=True)]
-    (one,) = bag_readings.read(write(tmp_path / "told", [*poses(), *told]))
+    reported = [(t, "/gas", gas(t, r, "ohm", **LAW)) for t, r in zip(AT, raw, strict=True)]
+    (one,) = bag_readings.read(write(tmp_path / "told", [*poses(), *reported]))
     np.testing.assert_allclose(one.ppm, ppm, rtol=1e-6)
     raw = 30e3 * (1 + ppm / 4.32) ** -0.7155
     bare = [(t, "/gas", gas(t, r, "ohm")) for t, r in zip(AT, raw, strict=True)]
@@ -211,11 +211,11 @@ def test_a_bag_of_ros_1(tmp_path):
         }
         for n, t in enumerate(AT):
             whole = header(seq=n, stamp=time(sec=int(t), nanosec=round(t % 1 * 1e9)), frame_id="/nose")
-            told = store.types["olfaction_msgs/msg/gas_sensor"](
+            reported = store.types["olfaction_msgs/msg/gas_sensor"](
                 whole, 1, 5e4 * (1 + t) ** -0.7, 5, 5e4, 1.0, -0.7
             )
             there = store.types[POSE](whole, pose_at(point(0.2 * t, 1.0, 0.0), turn(0.0, 0.0, 0.0, 1.0)))
-            for name, message in (("/gas", told), ("/pose", there)):
+            for name, message in (("/gas", reported), ("/pose", there)):
                 writer.write(
                     topics[name], round((t + 50) * 1e9), store.serialize_ros1(message, message.__msgtype__)
                 )
@@ -288,7 +288,7 @@ LOOP = [(t, "/tf", transforms(t, ("b", "a", 1, 0, 0), ("a", "b", 1, 0, 0))) for 
 
 
 @pytest.mark.parametrize(
-    ("messages", "wanted", "told"),
+    ("messages", "wanted", "reported"),
     [
         (poses(), {}, "has no topic of gas of a type that is known; it has /odom (nav_msgs/Odometry)"),
         (readings(), {}, "has no poses for /gas: neither frames that lead to it nor a topic of them"),
@@ -309,9 +309,9 @@ LOOP = [(t, "/tf", transforms(t, ("b", "a", 1, 0, 0), ("a", "b", 1, 0, 0))) for 
         ([], {}, "has no topic of gas of a type that is known; it has none"),
     ],
 )  # fmt: skip
-def test_what_is_not_there_is_told_in_a_line(messages, wanted, told, tmp_path):
+def test_what_is_not_there_is_reported_in_a_line(messages, wanted, reported, tmp_path):
     bag = write(tmp_path / "a", messages)
-    with refused(BagError, bag, told):
+    with refused(BagError, bag, reported):
         bag_readings.read(bag, BagOptions(**wanted))
 
 
@@ -322,7 +322,7 @@ def test_vectors_are_wind_only_where_they_say_so(tmp_path):
         np.testing.assert_allclose(read(tmp_path / name, options=wanted).wind[:, 0], 1.0)
 
 
-def test_what_is_no_bag_is_told_in_a_line(tmp_path):
+def test_what_is_no_bag_is_reported_in_a_line(tmp_path):
     bag = write(tmp_path / "a", [*poses(), *readings()])
     (tmp_path / "folder").mkdir()
     (tmp_path / "run").mkdir()
@@ -339,7 +339,7 @@ def test_what_is_no_bag_is_told_in_a_line(tmp_path):
     (tmp_path / "a.csv").write_text("t,x,y,reading\n1,0,0,2\n")
     with pytest.raises(ReadingsError, match="is no bag, so it has no topics"):
         read(tmp_path / "a.csv", options=BagOptions(frame="odom"))
-    for name, told in (
+    for name, reported in (
         ("missing.mcap", "does not exist"),
         ("folder", "is a folder without metadata.yaml, and so no bag"),
         ("run", "name a file in it, such as robots.parquet"),
@@ -348,10 +348,10 @@ def test_what_is_no_bag_is_told_in_a_line(tmp_path):
         ("linked", "holds a.mcap, which is no plain file"),
         ("away", "cannot be read: Some database files are missing"),
     ):
-        with refused(ReadingsError, tmp_path / name, told):
+        with refused(ReadingsError, tmp_path / name, reported):
             read(tmp_path / name)
 
 
-def test_all_types_that_are_told_are_there():
+def test_all_types_that_are_reported_are_there():
     for kind in (*bag_topics.GAS, *bag_topics.POSES, *bag_topics.WINDS, TF):
         assert ros.definition(kind)

@@ -29,7 +29,7 @@ gas: {kind: playback, file: fields.zarr}
 
 
 def size_of(name: str, shape: tuple[int, ...] = SHAPE) -> tuple[int, ...]:
-    """Extent of a variable (x, y, z), told from the names of its dimensions."""
+    """Extent of a variable (x, y, z), reported from the names of its dimensions."""
     more = {"": 0, "face": 1, "ghost": 2}
     return tuple(
         n + more[d.partition("_")[2]] for n, d in zip(shape, dimensions(name, len(shape))[::-1], strict=True)
@@ -187,11 +187,11 @@ def changed(key: str, value: object):
         (lambda path: opened(path)["time"].resize((0,)), "holds no frame"),
     ],
 )
-def test_bad_films_are_told_in_a_line(path, damage, fault):
+def test_bad_films_are_reported_in_a_line(path, damage, fault):
     damage(path)
-    with pytest.raises(ScenarioError) as told:
+    with pytest.raises(ScenarioError) as reported:
         load_scenario(path.parent / "play.yaml")
-    (line,) = (line for line in told.value.lines if "wind.file" in line)
+    (line,) = (line for line in reported.value.lines if "wind.file" in line)
     assert str(path) in line
     assert fault in line
 
@@ -215,10 +215,10 @@ def test_damage_in_the_middle_is_found_when_it_is_read(path):
         ("obstacles=[{kind: sphere, center: [0.3, 0.3, 0.2], radius: 0.1}]", "cells are not as in"),
     ],
 )  # fmt: skip
-def test_what_does_not_fit_the_film_is_told(path, override, fault):
-    with pytest.raises(ScenarioError) as told:
+def test_what_does_not_fit_the_film_is_reported(path, override, fault):
+    with pytest.raises(ScenarioError) as reported:
         load_scenario(path.parent / "play.yaml", [override])
-    assert fault in str(told.value)
+    assert fault in str(reported.value)
 
 
 def test_film_without_the_quantity(path):
@@ -264,7 +264,7 @@ def test_other_folders_in_a_film_are_ignored_and_messages_are_short(path, recwar
         ("open_u_face", '"fill_value": 0', '"fill_value": 99999999999999999999', "damaged"),
     ],
 )
-def test_damaged_metadata_are_told_without_a_manifest(path, array, old, new, fault):
+def test_damaged_metadata_are_reported_without_a_manifest(path, array, old, new, fault):
     file = path / array / "zarr.json"
     text = " ".join(file.read_text().split()).replace("[ ", "[")
     assert old in text

@@ -289,14 +289,14 @@ def test_faults_are_told_in_a_line(tmp_path, sim, config, fault):
         ("gaden: room.yaml", "there is neither an OccupancyGrid3D|names no wind files"),
     ],
 )
-def test_what_is_no_project_is_told(tmp_path, line, fault):
+def test_what_is_no_project_is_reported(tmp_path, line, fault):
     path = tmp_path / "room.yaml"
     path.write_text(f"{line}\n")
     with pytest.raises(ScenarioError, match=fault):
         load(path)
 
 
-def test_a_source_of_another_shape_and_a_later_loop_are_told(tmp_path):
+def test_a_source_of_another_shape_and_a_later_loop_are_reported(tmp_path):
     line = {"sourceType": "line", "position": [-0.2, 3.5, 0.5], "lineEnd": [0, 3.5, 0.5], "gasType": 1}
     loop = {"loop": True, "from": 1, "to": 1}
     remarks = "\n".join(load(project(tmp_path, {"source": line, "windLooping": loop})).resources.warnings)

@@ -193,7 +193,7 @@ def test_one_line_runs_a_published_project(tmp_path, made):
 
 
 @pytest.mark.parametrize(
-    ("made", "name", "told"),
+    ("made", "name", "reported"),
     [
         (version_2, "cad_models/10x6_door_left.stl", r"10x6_door_left\.stl: no such file"),
         (version_2, "params/preproc_params.yaml", r"params/preproc_params\.yaml"),
@@ -204,10 +204,10 @@ def test_one_line_runs_a_published_project(tmp_path, made):
         (version_3, "wind_simulations/1ms/wind_at_cell_centers_0.csv", r"centers_0\.csv does not exist"),
     ],
 )
-def test_a_missing_file_is_named_in_a_line(tmp_path, made, name, told):
+def test_a_missing_file_is_named_in_a_line(tmp_path, made, name, reported):
     path = made(tmp_path)
     next((tmp_path / "test_env/scenarios").glob(f"*/{name}")).unlink()
-    with pytest.raises(ScenarioError, match=told) as caught:
+    with pytest.raises(ScenarioError, match=reported) as caught:
         load(path)
     assert len(caught.value.faults) == 1
 
@@ -232,7 +232,7 @@ def test_names_by_packages_of_ros(tmp_path, name):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "reported"),
     [
         ("cell_size: 0.1", "cell_size: 0.0011", "cells of the models"),
         ("cell_size: 0.1", "cell_size: 1" + 400 * "0", "cell_size: got 1000"),
@@ -246,13 +246,13 @@ def test_names_by_packages_of_ros(tmp_path, name):
         ("  ros__parameters:", "  other:", "has no ros__parameters"),
     ],
 )
-def test_faults_of_a_listing_are_told_in_a_line(tmp_path, old, new, told):
+def test_faults_of_a_listing_are_reported_in_a_line(tmp_path, old, new, reported):
     path = version_2(tmp_path)
     (tmp_path.parent / "away.stl").touch()
     file = tmp_path / "test_env/scenarios/10x6_empty_room/params/preproc_params.yaml"
     assert old in PREPROCESSING
     file.write_text(PREPROCESSING.replace(old, new, 1))
-    with pytest.raises(ScenarioError, match=told) as caught:
+    with pytest.raises(ScenarioError, match=reported) as caught:
         load(path)
     assert len(caught.value.faults) == 1
 

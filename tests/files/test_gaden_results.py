@@ -97,7 +97,7 @@ def test_a_flat_film_is_a_layer(tmp_path):
     assert (vectors[..., 2] == 0.0).all()
 
 
-def test_what_players_do_not_take_is_told(tmp_path):
+def test_what_players_do_not_take_is_reported(tmp_path):
     with pytest.raises(RunFolderError, match="the film has no gas"):
         written(tmp_path, film().drop_vars(["ethanol_ppm", "1-propanol_ppm"]))
     many = film((1300, 1000))

@@ -146,7 +146,7 @@ def test_what_is_read_there_is_what_is_read_here(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("made", "told"),
+    ("made", "reported"),
     [
         (compressed_file, "File too large"),
         (compressed_chunk, "memory"),
@@ -158,13 +158,13 @@ def test_what_is_read_there_is_what_is_read_here(tmp_path: Path) -> None:
     ],
 )
 def test_each_ends_in_a_line(
-    made: Callable[[Path], Path], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    made: Callable[[Path], Path], reported: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if told == "computing time":
+    if reported == "computing time":
         monkeypatch.setattr(bags, "SECONDS", 0.5)
     (tmp_path / "tmp").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
     bag = made(tmp_path / "a")
-    with refused(BagError, bag, told):
+    with refused(BagError, bag, reported):
         bag_readings.read(bag)
     assert not list((tmp_path / "tmp").iterdir())  # what was unpacked is gone

@@ -47,7 +47,7 @@ def test_files_as_they_were_left_are_not_changed(folder):
 
 
 @pytest.mark.parametrize("content", ["t,x\n0,2\n", "t,x\n0,1\n2,3\n", ""])
-def test_a_changed_file_is_told(folder, content):
+def test_a_changed_file_is_reported(folder, content):
     (folder / "table.csv").write_text(content)
     with refused(ValueError, folder / "table.csv", "has changed since its run"):
         manifest.require_unchanged(folder / "table.csv", ValueError)
@@ -62,7 +62,7 @@ def test_a_changed_file_is_told(folder, content):
         lambda film: (film / "u/c/9").write_bytes(b""),
     ],
 )
-def test_a_changed_film_is_told(folder, damage):
+def test_a_changed_film_is_reported(folder, damage):
     damage(folder / "film.zarr")
     assert "has changed since its run" in str(manifest.changed(folder / "film.zarr"))
 
@@ -70,7 +70,7 @@ def test_a_changed_film_is_told(folder, damage):
 @pytest.mark.parametrize(
     "content", ["", "[]", '{"inputs": {}}', '{"inputs": {}, "outputs": {"table.csv": 1}}', "[" * 9999]
 )
-def test_a_damaged_manifest_is_told(folder, content):
+def test_a_damaged_manifest_is_reported(folder, content):
     (folder / "manifest.json").write_text(content)
     assert "manifest.json: is damaged" in str(manifest.changed(folder / "table.csv"))
     with pytest.raises(manifest.ManifestError):

@@ -62,8 +62,8 @@ def test_layouts(tmp_path, make, name):
 @pytest.mark.parametrize("make", [zarr_of, hdf5_of])
 def test_what_files_tell(tmp_path, make):
     path = make(tmp_path / "m", PICTURES, **TOLD)
-    told, given = movie(path), movie(path, frame_rate=1, pixel=1, origin=[0, 3])
-    assert (told.times[1], told.pixel, told.origin) == (0.125, 0.1, (-0.1, 0.2))
+    reported, given = movie(path), movie(path, frame_rate=1, pixel=1, origin=[0, 3])
+    assert (reported.times[1], reported.pixel, reported.origin) == (0.125, 0.1, (-0.1, 0.2))
     assert (given.times[1], given.pixel, given.origin) == (1.0, 1.0, (0.0, 3.0))
 
 
@@ -140,20 +140,20 @@ def test_nothing_is_executed_and_no_other_file_read(tmp_path):
 
 
 def test_no_chunk_of_hdf5_decodes_to_more_than_is_declared(tmp_path):
-    told = {"frame_rate": 1, "pixel": 1}
+    reported = {"frame_rate": 1, "pixel": 1}
     for name, packed in (("sound", zlib.compress(bytes(256))), ("bomb", zlib.compress(bytes(1 << 26)))):
         with h5py.File(tmp_path / name, "w") as file:
             kept = {"shape": (1, 16, 8), "chunks": (1, 8, 8), "dtype": "f4", "compression": "gzip"}
             array = file.create_dataset("plume", **kept)
             array.id.write_direct_chunk((0, 8, 0), packed)  # the other chunk is not stored
-    assert movie(tmp_path / "sound", **told).picture(0).shape == (8, 16)
+    assert movie(tmp_path / "sound", **reported).picture(0).shape == (8, 16)
     with pytest.raises(FilmError, match=r"frame 0 .*decodes to more than"):
-        movie(tmp_path / "bomb", **told).picture(0)
+        movie(tmp_path / "bomb", **reported).picture(0)
     for name, packing in (("lzf", {"compression": "lzf"}), ("so", {"scaleoffset": 2})):
         with h5py.File(tmp_path / name, "w") as file:
             file.create_dataset("plume", data=PICTURES.astype("f4"), chunks=(1, 5, 7), **packing)
         with pytest.raises(FilmError, match="only gzip"):
-            movie(tmp_path / name, **told)
+            movie(tmp_path / name, **reported)
     with h5py.File(tmp_path / "fine", "w") as file:
         file.create_dataset("plume", data=PICTURES, compression="gzip", shuffle=True, fletcher32=True)
-    np.testing.assert_array_equal(movie(tmp_path / "fine", **told).picture(1), PICTURES[1, ::1].T)
+    np.testing.assert_array_equal(movie(tmp_path / "fine", **reported).picture(1), PICTURES[1, ::1].T)

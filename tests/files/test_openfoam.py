@@ -181,7 +181,7 @@ def test_what_the_tests_make_is_a_case_for_another_reader(tmp_path, keys):
 
 
 @pytest.mark.parametrize(
-    ("file", "old", "new", "told"),
+    ("file", "old", "new", "reported"),
     [
         ("constant/polyMesh/points", b"FoamFile", b"Foam", "is no file of OpenFOAM"),
         ("constant/polyMesh/points", b"60\n(", b"61\n(", "its list has 60 of 61 entries; is it whole"),
@@ -198,23 +198,23 @@ def test_what_the_tests_make_is_a_case_for_another_reader(tmp_path, keys):
         ("1/U", b"List<vector> \n24", b"List<vector> \n99999999999999999999", "has no list"),
     ],
 )
-def test_faults_are_told_in_a_line(tmp_path, file, old, new, told):
+def test_faults_are_told_in_a_line(tmp_path, file, old, new, reported):
     small_case(tmp_path)
     content = (tmp_path / file).read_bytes()
     assert old in content
     (tmp_path / file).write_bytes(content.replace(old, new, 1))
     openfoam._centres_of.cache_clear()
-    with pytest.raises(WindFileError, match=told) as caught:
+    with pytest.raises(WindFileError, match=reported) as caught:
         read(tmp_path / "1")
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("keys", KINDS)
-def test_damaged_files_are_told_or_read(tmp_path, keys):
+def test_damaged_files_are_reported_or_read(tmp_path, keys):
     small_case(tmp_path, (3, 2, 2), **keys)
     rng = np.random.default_rng(3)
     names = [*(f"constant/polyMesh/{name}" for name in openfoam.PARTS), "1/U"]
-    told = 0
+    reported = 0
     for name in names:
         file = tmp_path / (f"{name}.gz" if keys.get("packed") else name)
         good = file.read_bytes()
@@ -231,9 +231,9 @@ def test_damaged_files_are_told_or_read(tmp_path, keys):
                 found = read(tmp_path / "1")
                 assert np.isfinite(found.place).all()
             except WindFileError as error:
-                told += "\n" not in str(error)
+                reported += "\n" not in str(error)
         file.write_bytes(good)
-    assert told > 60
+    assert reported > 60
     assert not is_case(tmp_path / "1")
     assert not is_case(tmp_path / ("a" * 5000))
     assert not is_time(tmp_path / ("a" * 5000) / "1")

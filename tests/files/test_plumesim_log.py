@@ -130,7 +130,7 @@ def test_the_file_is_whole_after_every_frame(tmp_path):
     log.close()
 
 
-def test_a_full_disk_is_told_and_the_frames_before_are_kept(tmp_path, monkeypatch):
+def test_a_full_disk_is_reported_and_the_frames_before_are_kept(tmp_path, monkeypatch):
     usage = SimpleNamespace(free=10 * disk.RESERVE)
     monkeypatch.setattr(disk.shutil, "disk_usage", lambda _: usage)
     (tmp_path / "live.yaml").write_text(LIVE)

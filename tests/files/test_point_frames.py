@@ -92,7 +92,7 @@ def replaced(line: int, text: str) -> str:
         ("500,1,0.1\n+1 0\n", "holds no points"),
     ],
 )
-def test_bad_logs_are_told_in_one_line_before_anything_runs(folder, content, fault):
+def test_bad_logs_are_reported_in_one_line_before_anything_runs(folder, content, fault):
     path = folder / "plume.pslog"
     path.write_text(content)
     with pytest.raises(PointFileError) as caught:
@@ -127,7 +127,7 @@ GOOD = (
         max_size=3,
     ),
 )
-def test_damaged_logs_load_or_are_told_in_one_line(tmp_path, cut, changes):
+def test_damaged_logs_load_or_are_reported_in_one_line(tmp_path, cut, changes):
     content = bytearray(GOOD.encode())
     for place, byte in changes:
         content[place] = byte
@@ -178,7 +178,7 @@ def test_fluent_frames_are_numbered_files_in_percent_of_the_largest(folder):
         ("files: plume%03d.txt, start: 2", "gas.start: 2 s is after"),
     ],
 )
-def test_bad_exports_are_told(folder, keys, fault):
+def test_bad_exports_are_reported(folder, keys, fault):
     (folder / "bad1.txt").write_text("titles\n1,0.1,0.1,0.1\n2,0.1\n")
     (folder / "gap1.txt").write_text(FLUENT)
     (folder / "gap3.txt").write_text(FLUENT)
@@ -211,7 +211,7 @@ GAUSSIAN = "gas={kind: plumesim_gaussian, release_point: "
         ([GAUSSIAN + "[0, 0], last: 3}"], "gas: repeat_from must not be"),
     ],
 )
-def test_what_does_not_go_together_is_told(folder, overrides, fault):
+def test_what_does_not_go_together_is_reported(folder, overrides, fault):
     wind = "wind={kind: plumesim_log, file: plume.pslog}"
     with pytest.raises(ScenarioError) as caught:
         load_scenario(folder / "play.yaml", [wind, *overrides])

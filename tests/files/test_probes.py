@@ -110,10 +110,10 @@ def test_rows_at_even_times_lie_between_those_of_steps(tmp_path):
     assert all_rows["probe"].to_pylist()[:5] == ["line", "line", "line", "one", "grid"]
     assert all_rows["point"].to_pylist()[:5] == [0, 1, 2, 0, 0]
     for name in ("wind_x", "wind_y", "ethanol_ppm", "pressure"):
-        told, fine = (one[name].to_numpy().reshape(-1, taken) for one in (rows, all_rows))
+        reported, fine = (one[name].to_numpy().reshape(-1, taken) for one in (rows, all_rows))
         for n in range(taken):
             exact = np.interp(due[:, n], t[:, n], fine[:, n])
-            np.testing.assert_allclose(told[:, n], exact, rtol=1e-5, atol=1e-6)
+            np.testing.assert_allclose(reported[:, n], exact, rtol=1e-5, atol=1e-6)
     last = {name: all_rows[name].to_numpy()[-taken:] for name in all_rows.column_names if name != "probe"}
     wind = velocity_at(sim.wind, points, sim.t)
     np.testing.assert_allclose(np.stack([last["wind_x"], last["wind_y"]], axis=-1), wind, atol=1e-6)
@@ -138,13 +138,13 @@ def test_a_still_room_has_its_closed_form(tmp_path, dim):
     table = table_of(sim, tmp_path / "probes.parquet", points=[line], every="step")
     sim.run()
     rows = written(table).drop_columns("probe")
-    told = {name: rows[name].to_numpy()[-8:] for name in rows.column_names}
-    np.testing.assert_allclose(np.diff(told["pressure"]), AIR_DENSITY * 1.5 * 0.1, rtol=1e-3)
-    np.testing.assert_allclose(told["temperature"], 291.5, atol=1e-3)
+    reported = {name: rows[name].to_numpy()[-8:] for name in rows.column_names}
+    np.testing.assert_allclose(np.diff(reported["pressure"]), AIR_DENSITY * 1.5 * 0.1, rtol=1e-3)
+    np.testing.assert_allclose(reported["temperature"], 291.5, atol=1e-3)
     unit = float(table.schema.field("ethanol_ppm").metadata[b"kg_per_m3"])
-    np.testing.assert_allclose(told["ethanol_ppm"] * unit, 1e-5 * (1 + told["x"]), rtol=1e-4)
+    np.testing.assert_allclose(reported["ethanol_ppm"] * unit, 1e-5 * (1 + reported["x"]), rtol=1e-4)
     # the acceleration alone would make 0.3 m/s
-    assert max(np.abs(told[f"wind_{axis}"]).max() for axis in "xyz"[:dim]) < 5e-4
+    assert max(np.abs(reported[f"wind_{axis}"]).max() for axis in "xyz"[:dim]) < 5e-4
 
 
 @pytest.mark.parametrize(

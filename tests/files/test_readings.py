@@ -78,7 +78,7 @@ def test_one_group_of_many(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "chosen", "told"),
+    ("content", "chosen", "reported"),
     [
         (b"t,x,y,reading\n", {}, "has no readings"),
         (b"", {}, "is empty"),
@@ -99,11 +99,11 @@ def test_one_group_of_many(tmp_path):
         (None, {}, "cannot be read: No such file or directory"),
     ],
 )
-def test_what_is_wrong_is_told_in_one_line(content, chosen, told, tmp_path):
+def test_what_is_wrong_is_told_in_one_line(content, chosen, reported, tmp_path):
     path = tmp_path / "a.csv"
     if content is not None:
         path.write_bytes(content)
-    with refused(ReadingsError, path, f"{path}: {told}"):
+    with refused(ReadingsError, path, f"{path}: {reported}"):
         read(path, **chosen)
 
 

@@ -1,4 +1,4 @@
-"""Messages of ROS 2 are what others read, and bytes that are none are told."""
+"""Messages of ROS 2 are what others read, and bytes that are none are reported."""
 
 from contextlib import suppress
 

@@ -129,9 +129,9 @@ def test_input_files_are_all_that_a_scenario_reads(tmp_path):
     found = input_paths(scenario, tmp_path / "a.yaml", {})
     names = "a.yaml box.stl cells.csv one.zarr two.zarr wind_0.csv wind_1.csv wind_2.csv"
     assert sorted(file.name for file in found) == names.split()
-    told = yaml.safe_load(run_folder.to_yaml(scenario, tmp_path, tmp_path / "run"))
-    assert told["task"]["films"] == ["../one.zarr", "../two.zarr"]
-    assert told["obstacles"][0]["file"] == "../box.stl"
+    reported = yaml.safe_load(run_folder.to_yaml(scenario, tmp_path, tmp_path / "run"))
+    assert reported["task"]["films"] == ["../one.zarr", "../two.zarr"]
+    assert reported["obstacles"][0]["file"] == "../box.stl"
 
 
 def test_null_is_written_where_it_is_not_what_a_missing_key_means():

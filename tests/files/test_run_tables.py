@@ -8,7 +8,7 @@ from taichi_plume.files.run_tables import GrowingTable, column
 from taichi_plume.scenario.probes import BYTES_PER_NUMBER
 
 
-def test_measured_values_take_as_many_bytes_as_scenarios_are_told(tmp_path):
+def test_measured_values_take_as_many_bytes_as_scenarios_are_reported(tmp_path):
     """Values that change from sample to sample as a velocity does: none repeats, and the first digits hardly change."""
     samples, points = 4000, 20
     columns = [column("t", pa.float64(), "s", "time"), column("u", pa.float32(), "m/s", "velocity")]

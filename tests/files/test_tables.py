@@ -1,4 +1,4 @@
-"""Tables of text files: what is read, and which line is told where one cannot be."""
+"""Tables of text files: what is read, and which line is reported where one cannot be."""
 
 import numpy as np
 import pytest
@@ -50,13 +50,13 @@ def test_texts_and_no_rows(tmp_path):
         (" \n\n", "is empty"),
     ],
 )  # fmt: skip
-def test_the_line_at_fault_is_told(text, fault, tmp_path):
+def test_the_line_at_fault_is_reported(text, fault, tmp_path):
     path = tmp_path / "a.csv"
     with refused(ValueError, path, f"{path}: {fault}"):
         table(path, text).numbers(0, 1, 2)
 
 
-def test_what_a_row_has_to_be_is_told_where_there_is_a_form(tmp_path):
+def test_what_a_row_has_to_be_is_reported_where_there_is_a_form(tmp_path):
     with pytest.raises(ValueError, match="line 2: must be a,b,c, got '4,q,6'"):
         table(tmp_path / "a.csv", "1,2,3\n4,q,6\n", form="a,b,c").numbers(0, 1)
 

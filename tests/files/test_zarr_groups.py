@@ -78,8 +78,8 @@ def pickled(folder: Path, trap: Path, name: str, shape: tuple[int, ...]) -> None
     about |= {"compressor": None, "filters": filters, "fill_value": None}
     (folder / name).mkdir()
     (folder / name / ".zarray").write_text(json.dumps(about))
-    told = {"_ARRAY_DIMENSIONS": list("abc"[: len(shape)])}
-    (folder / name / ".zattrs").write_text(json.dumps(told))
+    reported = {"_ARRAY_DIMENSIONS": list("abc"[: len(shape)])}
+    (folder / name / ".zattrs").write_text(json.dumps(reported))
     (folder / name / ".".join("0" * len(shape))).write_bytes(pickle.dumps(Trap(trap)))
 
 
@@ -139,9 +139,9 @@ def test_codecs_are_those_that_are_allowed_also_in_repeated_metadata_and_shards(
             _ = Group(path, codecs=allowed)["time"]
         _ = Group(path, codecs=allowed | {"gzip"})["time"]
         own.write_text(sound)
-        told = json.loads(root.read_text())
-        told["consolidated_metadata"]["metadata"]["time"]["codecs"] = codecs
-        root.write_text(json.dumps(told))
+        reported = json.loads(root.read_text())
+        reported["consolidated_metadata"]["metadata"]["time"]["codecs"] = codecs
+        root.write_text(json.dumps(reported))
         _ = Group(path)["time"]
         with pytest.raises(GroupError, match=r"gzip|sharding_indexed"):
             _ = Group(path, consolidated=True)["time"]
@@ -235,8 +235,8 @@ def bomb(path: Path, kind: str, size: int) -> None:
         group = zarr.open_group(path, mode="w", zarr_format=2)
         group.create_array("concentration", shape=(1, 8, 8), chunks=(1, 8, 8), dtype="f4")
         about = path / "concentration/.zarray"
-        told = json.loads(about.read_text()) | {"compressor": {"id": codec}}
-        about.write_text(json.dumps(told))
+        reported = json.loads(about.read_text()) | {"compressor": {"id": codec}}
+        about.write_text(json.dumps(reported))
         (path / "concentration/0.0.0").write_bytes(packed)
         return
     group = zarr.open_group(path, mode="w", zarr_format=3)

@@ -81,7 +81,7 @@ def test_the_first_row_is_the_upper_edge_and_what_is_transparent_is_unknown(tmp_
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "reported"),
     [
         ("resolution: 0.05", "", "resolution: is missing; a number from 0.0001 to 1000"),
         ("resolution: 0.05", "resolution: -1", "resolution: got -1"),
@@ -101,12 +101,12 @@ def test_the_first_row_is_the_upper_edge_and_what_is_transparent_is_unknown(tmp_
         ("image: plan.pgm", "a: 1", "has no key image"),
     ],
 )
-def test_faults_are_told_in_a_line(tmp_path, old, new, told):
+def test_faults_are_told_in_a_line(tmp_path, old, new, reported):
     path = write(tmp_path, np.zeros((4, 4), bool))
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new))
-    with pytest.raises(MapError, match=told) as caught:
+    with pytest.raises(MapError, match=reported) as caught:
         read_map(path)
     assert "\n" not in str(caught.value)
     assert str(caught.value).startswith("plan.yaml: ")
@@ -134,7 +134,7 @@ def test_a_turned_map_has_few_edges_of_walls(tmp_path, monkeypatch):
     assert plan(tmp_path, walls, (2.0, 2.0)).solid.any()
 
 
-def test_cut_pictures_are_told(tmp_path):
+def test_cut_pictures_are_reported(tmp_path):
     """Pictures with other damage are in tests/fuzz."""
     path = write(tmp_path, np.random.default_rng(0).random((40, 30)) < 0.2)
     good = (tmp_path / "plan.pgm").read_bytes()
@@ -183,7 +183,7 @@ def test_a_map_lies_as_its_origin_says(tmp_path, quarters):
     np.testing.assert_array_equal(found.inside(places), wall)
 
 
-def test_unless_told_its_lower_corner_is_the_domain_s(tmp_path):
+def test_unless_reported_its_lower_corner_is_the_domain_s(tmp_path):
     walls = np.zeros((20, 10), bool)
     walls[0] = True
     found = plan(tmp_path, walls, (1.0, 0.5), 0.05, (-7.0, 3.0, 0.0), origin=None)
@@ -393,8 +393,8 @@ def test_checks_of_a_map(tmp_path):
         "robots.0.start.positions=[[1.05, 0.6]]": r"robots\[0\]\.start.* (obstacle|touches)",
         "gas.parts.0.sources.0.position=[1.01, 0.61]": r"gas\.parts\[0\]\.sources\[0\]\.position: ",
     }
-    for override, told in cases.items():
-        with pytest.raises(ScenarioError, match=told):
+    for override, reported in cases.items():
+        with pytest.raises(ScenarioError, match=reported):
             load(tmp_path / "room.yaml", [override])
     remarks = load(tmp_path / "room.yaml", ["domain.size=[3, 2]"]).resources.warnings
     assert any("domain.size of 2 x 1.2 m with an origin of [-3, 5]" in remark for remark in remarks)

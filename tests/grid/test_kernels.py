@@ -51,7 +51,7 @@ def test_visit_calls_the_body_once_at_every_index(cpu, monkeypatch):
     assert all((field.to_numpy() == 7).all() for field in visits)
 
 
-def test_a_device_that_there_is_not_is_told_before_anything_starts():
+def test_a_device_that_there_is_not_is_reported_before_anything_starts():
     with pytest.raises(RuntimeError, match="got 'abacus', allowed are auto, cpu, cuda, vulkan, metal"):
         kernels.start("abacus")
 

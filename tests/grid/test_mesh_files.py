@@ -83,7 +83,7 @@ def doubled_areas(corners: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", CONTENTS)
-def test_every_format_is_read_as_it_is_and_every_cut_is_told(tmp_path, name):
+def test_every_format_is_read_as_it_is_and_every_cut_is_reported(tmp_path, name):
     """A cut OBJ, which has no counts, is an open body."""
     content = CONTENTS[name]
     assert solid(tmp_path / name, content).triangles.shape == (12, 3)
@@ -97,7 +97,7 @@ def test_every_format_is_read_as_it_is_and_every_cut_is_told(tmp_path, name):
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "told"),
+    ("name", "content", "reported"),
     [
         ("a.ply", ply("<", [[0, 1, 99999999]]), "none of the 8 vertices"),
         ("a.ply", ply("", [[0, 1, 99999999], [1, 2, 3, 4]]), "none of the 8 vertices"),
@@ -133,14 +133,14 @@ def test_every_format_is_read_as_it_is_and_every_cut_is_told(tmp_path, name):
         ("a.off", b"", r"must end in \.stl, \.obj or \.ply"),
     ],
 )
-def test_damage_is_told(tmp_path, name, content, told):
-    with pytest.raises(MeshError, match=told) as caught:
+def test_damage_is_told(tmp_path, name, content, reported):
+    with pytest.raises(MeshError, match=reported) as caught:
         solid(tmp_path / name, content)
     assert str(caught.value).isprintable()
     assert len(str(caught.value)) < 400
 
 
-def test_what_is_no_file_is_told_at_once(tmp_path):
+def test_what_is_no_file_is_reported_at_once(tmp_path):
     os.mkfifo(tmp_path / "pipe.stl")
     (tmp_path / "folder.ply").mkdir()
     names = {
@@ -148,8 +148,8 @@ def test_what_is_no_file_is_told_at_once(tmp_path):
         "folder.ply": "Is a directory",
         f"{'a' * 5000}.obj": "File name too long",
     }
-    for name, told in names.items():
-        with pytest.raises(MeshError, match=told):
+    for name, reported in names.items():
+        with pytest.raises(MeshError, match=reported):
             read_mesh(tmp_path / name)
 
 
@@ -186,7 +186,7 @@ CROSSED = "f " + " ".join(str(n + 1) for n in np.random.default_rng(3).permutati
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "told"),
+    ("name", "content", "reported"),
     [
         ("a.ply", b"ply" + b"\n" * 200_000, "has no header"),
         ("a.ply", b"ply\n" + b"\n" * 200_000 + b"end_header\n", "has no header"),
@@ -200,10 +200,10 @@ CROSSED = "f " + " ".join(str(n + 1) for n in np.random.default_rng(3).permutati
     ids=range(7),
 )
 @pytest.mark.filterwarnings("error")
-def test_small_files_take_little_time(tmp_path, name, content, told, monkeypatch):
+def test_small_files_take_little_time(tmp_path, name, content, reported, monkeypatch):
     monkeypatch.setattr(polygons, "MOST_WORK", 2_000_000)
     begin = time.process_time()
-    with pytest.raises(MeshError, match=told):
+    with pytest.raises(MeshError, match=reported):
         solid(tmp_path / name, content)
     assert time.process_time() - begin < 5.0
 

@@ -1,4 +1,4 @@
-"""Meshes are the bodies that they enclose, in 3-D and in section, and faulty ones are told."""
+"""Meshes are the bodies that they enclose, in 3-D and in section, and faulty ones are reported."""
 
 import struct
 from math import pi, sqrt
@@ -121,7 +121,7 @@ def test_overlapping_bodies_of_a_mesh_are_united(tmp_path):
     np.testing.assert_array_equal(one.inside(centers), expected[0] | expected[1])
 
 
-def test_faulty_meshes_are_told(tmp_path):
+def test_faulty_meshes_are_reported(tmp_path):
     triangles = box_triangles((1, 1, 0), (2, 2, 0.5))
     beside = np.concatenate([box_triangles((3, 1, 0), (4, 2, 1)), triangles[:10]])
     faults = {
@@ -129,8 +129,8 @@ def test_faulty_meshes_are_told(tmp_path):
         write_stl(tmp_path / "hole.stl", triangles[1:]): "body 0 is not watertight: 3 open",
         write_stl(tmp_path / "lid.stl", beside): "body 1 is not watertight: 4 open",
     }
-    for file, told in faults.items():
-        with pytest.raises(MeshError, match=told):
+    for file, reported in faults.items():
+        with pytest.raises(MeshError, match=reported):
             shape(Mesh(kind="mesh", file=file), ROOM, tmp_path)
     with pytest.raises(MeshError, match=r"section 0\.7 m does not cut it"):
         shape(Mesh(kind="mesh", file=write_stl(tmp_path / "b.stl", triangles), section=0.7), FLOOR, tmp_path)

@@ -103,7 +103,7 @@ def test_attributes_of_objects_with_kernels_are_plain_attributes():
     assert Static().run(1) == 2
 
 
-def test_a_fault_in_a_function_is_told_by_both_places_and_its_field_by_its_declaration():
+def test_a_fault_in_a_function_is_reported_by_both_places_and_its_field_by_its_declaration():
     @ti.func
     def broken(x):
         return x.nothing_of_the_kind(3)
@@ -113,9 +113,9 @@ def test_a_fault_in_a_function_is_told_by_both_places_and_its_field_by_its_decla
         for i in range(3):
             broken(i)
 
-    with pytest.raises(ti.TaichiCompilationError) as told:
+    with pytest.raises(ti.TaichiCompilationError) as reported:
         faulty()
     for line in ("broken(i)", "return x.nothing_of_the_kind(3)", "test_tracing.py", "in faulty", "in broken"):
-        assert line in str(told.value)
+        assert line in str(reported.value)
     field: Any = ti.field(float)
     assert "test_tracing.py" in field.vars[0].declaration_tb

@@ -57,12 +57,12 @@ def test_moments_presence_and_width(tmp_path):
     gamma = np.array([plume.presence(x, v, share) for v in y])
     near = np.abs(y) < 2.0  # beyond, so few times have gas that means are not normal
     mean, square = points["mean"].to_numpy(), (points["rms"] ** 2 + points["mean"] ** 2).to_numpy()
-    for told, exact, variance in (
+    for reported, exact, variance in (
         (mean, first, second - first**2),
         (square, second, fourth - second**2),
         (points["intermittency"].to_numpy(), gamma, gamma * (1 - gamma)),
     ):
-        errors = ((told - exact) / np.sqrt(variance / n))[near]
+        errors = ((reported - exact) / np.sqrt(variance / n))[near]
         assert np.abs(errors).max() < 4.0
         assert 0.05 < np.sqrt((errors**2).mean()) < 2.0  # points of one air go together
     (profile,) = found.probes[0].profiles

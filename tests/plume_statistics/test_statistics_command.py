@@ -69,15 +69,15 @@ def test_numbers_of_points_are_those_of_the_table(folder, found):
         name, point = tuple(who)  # pyright: ignore[reportArgumentType]
         c, t = rows.ethanol_ppm.to_numpy(float), rows.t.to_numpy()
         mean = np.trapezoid(c, t) / np.ptp(t)
-        told = found.points[(found.points.probe == name) & (found.points.point == point)].iloc[0]
-        assert told["mean"] == pytest.approx(mean, rel=1e-5)
-        assert told["rms"] == pytest.approx(
+        reported = found.points[(found.points.probe == name) & (found.points.point == point)].iloc[0]
+        assert reported["mean"] == pytest.approx(mean, rel=1e-5)
+        assert reported["rms"] == pytest.approx(
             np.sqrt(np.trapezoid((c - mean) ** 2, t) / np.ptp(t)), rel=1e-4, abs=1e-9
         )
-        assert told.intermittency == pytest.approx(np.trapezoid((c > 20).astype(float), t) / np.ptp(t))
-        assert told.maximum == c.max()
-        assert told.mean_u == pytest.approx(np.trapezoid(rows.wind_x, t) / np.ptp(t), rel=1e-5)
-        assert (told.x, told.y) == (rows.x.iloc[0], rows.y.iloc[0])
+        assert reported.intermittency == pytest.approx(np.trapezoid((c > 20).astype(float), t) / np.ptp(t))
+        assert reported.maximum == c.max()
+        assert reported.mean_u == pytest.approx(np.trapezoid(rows.wind_x, t) / np.ptp(t), rel=1e-5)
+        assert (reported.x, reported.y) == (rows.x.iloc[0], rows.y.iloc[0])
     assert len(found.points) == 1 + 21 + 55
     kinds = [one.probe.kind for one in found.probes]
     assert kinds == ["point", "line", "grid"]
@@ -178,10 +178,10 @@ def test_a_film_by_itself(folder, tmp_path, capsys, monkeypatch):
     assert {path.name for path in out.iterdir()} == {
         "statistics.json", "statistics.parquet", "durations.parquet", "spectra.parquet", "maps.nc", "statistics.html",
     }  # fmt: skip
-    told = json.loads((out / "statistics.json").read_text())
-    assert told["of"] == "film"
-    assert told["begin_s"] == pytest.approx(3.0)
-    names = [one["name"] for one in told["probes"]]
+    reported = json.loads((out / "statistics.json").read_text())
+    assert reported["of"] == "film"
+    assert reported["begin_s"] == pytest.approx(3.0)
+    names = [one["name"] for one in reported["probes"]]
     assert names[0] == "along x"
     assert sum(name.startswith("across at x = ") for name in names) >= 3
     with xarray.open_dataset(out / "maps.nc") as maps:
@@ -217,9 +217,9 @@ def test_files_and_page(folder, tmp_path, capsys):
         "bouts a minute at 77 points",
     ):
         assert words in page
-    told = json.loads((tmp_path / "out" / "statistics.json").read_text())
-    assert len(told["sensors"]) == 5 + len(MOX_MODELS)
-    assert told["threshold_ppm"] == 20.0
+    reported = json.loads((tmp_path / "out" / "statistics.json").read_text())
+    assert len(reported["sensors"]) == 5 + len(MOX_MODELS)
+    assert reported["threshold_ppm"] == 20.0
     table = pq.read_table(tmp_path / "out" / "statistics.parquet")
     assert len(table) == 77
     assert main([*argv, "--no-page", "--probe", "one", "--out", str(tmp_path / "other")]) == 0
@@ -313,22 +313,22 @@ def nowhere_film(copy):
         (lambda copy: (copy / "probes.parquet").write_text("no"), "probes.parquet"),
     ],
 )
-def test_runs_that_cannot_be_used_are_told_in_a_line(folder, tmp_path, capsys, change, words):
+def test_runs_that_cannot_be_used_are_reported_in_a_line(folder, tmp_path, capsys, change, words):
     copy = broken(folder, tmp_path, change)
     assert main([str(copy)]) == 2
-    told = capsys.readouterr()
-    assert told.err.count("\n") == 1
-    assert words in told.err
+    reported = capsys.readouterr()
+    assert reported.err.count("\n") == 1
+    assert words in reported.err
     assert not (copy / "statistics").exists()
 
 
-def test_a_run_that_was_killed_and_repaired_is_used_and_told(folder, tmp_path):
+def test_a_run_that_was_killed_and_repaired_is_used_and_reported(folder, tmp_path):
     copy = broken(folder, tmp_path, status("killed"))
     found = tp.statistics(copy, gas="ethanol", probe="one", threshold=20.0)
     assert any("ended as 'killed'" in note for note in found.notes)
 
 
-def test_bad_input_is_told_before_taichi_is_imported(tmp_path):
+def test_bad_input_is_reported_before_taichi_is_imported(tmp_path):
     code = (
         "import sys; from taichi_plume.cli.statistics import main; code = main([sys.argv[1]]); "
         "assert not {'taichi', 'matplotlib', 'scipy.stats'} & sys.modules.keys(); sys.exit(code)"
@@ -349,14 +349,14 @@ def test_bad_input_is_told_before_taichi_is_imported(tmp_path):
         (["--out", "/dev/null/x"], "/dev/null/x: "),
     ],
 )
-def test_options_that_do_not_fit_are_told_in_a_line(folder, capsys, options, words):
+def test_options_that_do_not_fit_are_reported_in_a_line(folder, capsys, options, words):
     assert main([str(folder), *options]) == (1 if "--out" in options else 2)
-    told = capsys.readouterr().err
-    assert words in told
-    assert told.count("\n") == 1
+    reported = capsys.readouterr().err
+    assert words in reported
+    assert reported.count("\n") == 1
 
 
-def test_what_is_no_run_is_told(tmp_path):
+def test_what_is_no_run_is_reported(tmp_path):
     for path in (tmp_path / "nowhere", tmp_path):
         with pytest.raises(RunFolderError, match=r"give the folder of a run|neither the folder"):
             tp.statistics(path)

@@ -101,17 +101,17 @@ def test_what_keeps_a_viewer_from_opening_is_one_line(monkeypatch, tmp_path, cap
     monkeypatch.setattr(live, "OPTIONS", ("--no-such-option",))
     scenario = Path(__file__).parents[2] / "configs" / "gaussian.yaml"
     assert run.main([str(scenario), "--live", "--quiet"]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith("--live: the viewer cannot be opened: ")
-    assert told.count("\n") == 1
+    reported = capsys.readouterr().err
+    assert reported.startswith("--live: the viewer cannot be opened: ")
+    assert reported.count("\n") == 1
     assert not list(tmp_path.glob("runs/*")), "no folder is left"
     with pytest.raises(SystemExit):
         run.main([str(scenario), "--live", "--no-recording"])
 
 
 def test_a_viewer_that_would_report_is_not_opened(monkeypatch, tmp_path):
-    told = subprocess.CompletedProcess((), 0, '{"analytics_enabled": true}')
-    monkeypatch.setattr(subprocess, "run", lambda *_, **__: told)
+    reported = subprocess.CompletedProcess((), 0, '{"analytics_enabled": true}')
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: reported)
     with pytest.raises(RunFolderError, match="rerun analytics disable"):
         live.quiet(str(tmp_path))
 

@@ -49,8 +49,8 @@ def test_marks_and_events(tmp_path):
     path = recorded(simulation(), tmp_path / "a.rrd")
     assert marks(path) == WANTED
     t, texts = column(path, "/events", "TextLog:text")
-    told = {round(time, 6): text[0] for time, text in zip(t, texts, strict=True) if "declared" in text[0]}
-    assert told == {
+    reported = {round(time, 6): text[0] for time, text in zip(t, texts, strict=True) if "declared" in text[0]}
+    assert reported == {
         2.0: "team-1 declared a source at (1.00, 2.00) m, falsely",
         4.0: "team-1 declared a source at (0.70, 1.50) m, rightly",
         5.0: "team-1 declared again, falsely; its first right place counts",

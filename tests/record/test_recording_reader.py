@@ -80,8 +80,8 @@ def test_a_species_has_the_planes_that_all_have(tmp_path):
     read = RecordedPictures(tmp_path / "two.rrd").read()
     views = {name: one.view for name, one in read.items()}
     assert views == {"gas_slice": "slice", "gas_0_slice": "slice", "gas_0_section_2": "section_2"}
-    told = dataset(read.values())
-    names = [told[name].attrs["long_name"] for name in ("gas_0_slice", "gas_slice")]
+    reported = dataset(read.values())
+    names = [reported[name].attrs["long_name"] for name in ("gas_0_slice", "gas_slice")]
     assert names == ["ethanol, in a plane"] * 2
 
 
@@ -92,7 +92,7 @@ def test_arrows_of_a_changing_number(room):
     np.testing.assert_allclose(wind.ways[4], [[0.5, 0, 0]] * 3)
 
 
-def test_what_is_no_recording_of_ours_is_told_in_a_line(room, tmp_path, monkeypatch):
+def test_what_is_no_recording_of_ours_is_reported_in_a_line(room, tmp_path, monkeypatch):
     faults = {"none": "does not exist", "folder": "is a folder", "text": "no recording", "cut": "cut off"}
     faults |= {"old": "another version", "size": "another size"}
     (tmp_path / "folder.rrd").mkdir()

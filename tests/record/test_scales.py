@@ -8,9 +8,9 @@ from taichi_plume.record.drawing import Scale
 def test_bytes_give_the_value_within_half_a_step_and_the_ends_beyond(dtype):
     scale = Scale(0.3, 3000.0, "log")
     values = np.geomspace(0.31, 2990.0, 500).astype(dtype)
-    told = scale.low * (scale.high / scale.low) ** (scale.bytes(values) / 255)
+    reported = scale.low * (scale.high / scale.low) ** (scale.bytes(values) / 255)
     step = (scale.high / scale.low) ** (1 / 255)
-    assert np.abs(np.log(told / values)).max() <= 0.5 * np.log(step) + 1e-5
+    assert np.abs(np.log(reported / values)).max() <= 0.5 * np.log(step) + 1e-5
     scale = Scale(290.0, 300.0, "linear")
     values = np.linspace(290, 300, 333).astype(dtype)
     assert np.abs(290 + 10 * (scale.bytes(values) / 255) - values).max() <= 0.5 * 10 / 255 + 1e-4

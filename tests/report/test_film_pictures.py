@@ -61,7 +61,7 @@ def test_arrows_point_where_those_of_the_recording_do(folder, plane):
     assert close > 0.9 * len(ways) > 5
 
 
-def test_fields_of_another_room_are_told_in_a_line(folder):
+def test_fields_of_another_room_are_reported_in_a_line(folder):
     it = Run(folder, lenient=True)
     domain = it.scenario.domain.model_copy(update={"size": (2.0, 1.25, 0.5)})
     other = it.scenario.model_copy(update={"domain": domain})

@@ -193,7 +193,7 @@ def test_the_page_shows_what_there_is(tmp_path, report, dim, changes, recording,
     assert ("Sensor readings and behaviour" in page.text) == (changes.get("robots") != [])
 
 
-def test_runs_that_failed_are_told_and_shown(tmp_path, report):
+def test_runs_that_failed_are_reported_and_shown(tmp_path, report):
     for status in ("failed", "unstable", "interrupted"):
         told = {"name": "made", "status": status, "message": "it broke at t = 3 s", "seed": 0}
         page = report(made_run.made(tmp_path / status, told=told))
@@ -248,7 +248,7 @@ def test_bad_folders_are_one_line_each(tmp_path, capsys):
     ],
 )
 @pytest.mark.parametrize("status", ["completed", "killed"])
-def test_a_result_that_says_other_things_is_told_in_a_line(tmp_path, capsys, status, changes):
+def test_a_result_that_says_other_things_is_reported_in_a_line(tmp_path, capsys, status, changes):
     """In the page itself if the run did not end by itself."""
     model = made_run.scenario(maps=[GMRF])
     folder = made_run.made(tmp_path / "run", model, told=made_run.result(model, status=status, **changes))

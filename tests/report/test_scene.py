@@ -81,7 +81,7 @@ def test_names_and_sizes_are_written_and_are_no_mathematics():
     model = made_run.scenario(wind=CFD)
     group = model.robots[0].model_copy(update={"name": r"$\frac{1}{0}$ <b>"})
     axes = drawn(model.model_copy(update={"robots": (group,)}))
-    told = " ".join(text.get_text() for text in axes.texts)
+    reported = " ".join(text.get_text() for text in axes.texts)
     expected = (
         "cylinder ⌀ 0.4 m",
         "source, 1 mg/s",
@@ -90,7 +90,7 @@ def test_names_and_sizes_are_written_and_are_no_mathematics():
         "honeycomb",
         r"$\frac{1}{0}$ <b>",
     )
-    assert not [words for words in expected if words not in told]
+    assert not [words for words in expected if words not in reported]
     assert not [text for text in drawn(model, sizes=False).texts if text.get_text()]
 
 

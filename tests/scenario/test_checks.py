@@ -13,7 +13,7 @@ from taichi_plume.scenario import size as checks_size
 from taichi_plume.scenario.size import estimate
 
 
-def test_an_open_mesh_is_told_with_a_place(tmp_path):
+def test_an_open_mesh_is_reported_with_a_place(tmp_path):
     open_box = box_triangles((1.8, 0.9, 0), (2.2, 1.1, 0.3))[:-1]
     file = write_stl(tmp_path / "open.stl", open_box)
     lines = said(tmp_path, ROOM, f"obstacles.0={{kind: mesh, file: {file}}}")

@@ -20,9 +20,9 @@ from taichi_plume.scenario.winds import CfdWind
 SCHEMA = Scenario.model_json_schema()
 SECTIONS = [("Scenario", SCHEMA), *SCHEMA["$defs"].items()]
 DESCRIBED = [
-    (f"{name}.{key}", key, told.get("description", ""))
+    (f"{name}.{key}", key, reported.get("description", ""))
     for name, section in SECTIONS
-    for key, told in section.get("properties", {}).items()
+    for key, reported in section.get("properties", {}).items()
 ]
 
 
@@ -32,9 +32,9 @@ def paths(node: dict, path: str, seen: tuple[str, ...] = ()) -> Iterator[str]:
         name = node["$ref"].rpartition("/")[2]
         if name not in seen:
             yield from paths(SCHEMA["$defs"][name], path, (*seen, name))
-    for key, told in node.get("properties", {}).items():
+    for key, reported in node.get("properties", {}).items():
         yield f"{path}.{key}".lstrip(".")
-        yield from paths(told, f"{path}.{key}", seen)
+        yield from paths(reported, f"{path}.{key}", seen)
     for several in ("anyOf", "oneOf"):
         for one in node.get(several, []):
             yield from paths(one, path, seen)
@@ -89,7 +89,7 @@ def test_the_schema_tells_an_editor_units_and_limits():
 def test_every_path_of_the_schema_is_explained():
     for path in PATHS:
         sections, keys = look_up(path)
-        kind = path.rpartition(".")[2] == "kind"  # what names the kinds is told with their sections
+        kind = path.rpartition(".")[2] == "kind"  # what names the kinds is reported with their sections
         assert sections or keys or kind, path
     assert {flat(key.path) for key in all_keys()} <= {flat(path) for path in PATHS}
 
@@ -142,15 +142,15 @@ def test_a_section_is_explained_with_its_keys_and_a_kind_alone(explained):
 )
 def test_a_misspelt_key_gets_one_line_with_what_is_near(written, meant, capsys):
     assert command.main(["--explain", written]) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
+    reported = capsys.readouterr()
+    assert reported.out == ""
     if meant is None:
-        assert told.err == r"no key '\x1b]0;x\x07'; --schema prints all" + "\n"
+        assert reported.err == r"no key '\x1b]0;x\x07'; --schema prints all" + "\n"
     else:
-        assert told.err.count("\n") == 1
-        assert f"no key '{written}'; did you mean " in told.err
+        assert reported.err.count("\n") == 1
+        assert f"no key '{written}'; did you mean " in reported.err
         assert meant in near(written)
-        assert meant in told.err
+        assert meant in reported.err
 
 
 def test_the_schema_is_printed_whole(capsys):
@@ -158,7 +158,7 @@ def test_the_schema_is_printed_whole(capsys):
     assert json.loads(capsys.readouterr().out) == json.loads(json.dumps(SCHEMA))
 
 
-def test_places_that_hold_the_same_are_told_once():
+def test_places_that_hold_the_same_are_reported_once():
     assert {path: one.same_as for path, one in places().items() if one.same_as} == {
         "gas.parts[]": "gas",
         "robots[].algorithm.map": "maps[]",

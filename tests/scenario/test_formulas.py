@@ -62,7 +62,7 @@ def test_values(text, value):
         (True, "finite number or a formula"),
     ],
 )
-def test_what_is_no_formula_is_told(text, why):
+def test_what_is_no_formula_is_reported(text, why):
     with pytest.raises(ValidationError, match=why):
         VELOCITY.validate_python(text)
 

@@ -143,10 +143,10 @@ def test_what_is_said_prints_and_is_short(tmp_path):
     ],
 )
 def test_overrides_that_are_none(tmp_path, override, said):
-    told = fault(tmp_path, GOOD, override)
-    assert told.startswith(said)
-    assert told.isprintable()
-    assert len(told) <= 1000
+    reported = fault(tmp_path, GOOD, override)
+    assert reported.startswith(said)
+    assert reported.isprintable()
+    assert len(reported) <= 1000
 
 
 def test_what_is_written_out_can_be_read_again(tmp_path):

@@ -124,7 +124,7 @@ def test_names_with_dots_are_no_paths(room):
     assert structure(room(both)) != structure(room(both.replace("2", "3")))
 
 
-def test_every_difference_is_told(room):
+def test_every_difference_is_reported(room):
     changes = ("tick=0.2", "obstacles=[]", "robots.0.count=1", "seed=3")
     assert [line.partition(":")[0] for line in differences(room(), room(*changes))] == [
         "tick",

@@ -112,9 +112,9 @@ def test_a_path_of_known_keys_is_not_misspelt():
     ],
 )
 def test_what_is_no_yaml_gets_its_line_and_what_to_write(tmp_path, text, line, meant):
-    told = fault(tmp_path, text)
-    assert told.startswith(f"line {line}, column ")
-    assert meant in told
+    reported = fault(tmp_path, text)
+    assert reported.startswith(f"line {line}, column ")
+    assert meant in reported
 
 
 @pytest.mark.parametrize("unit", SCALES)

@@ -30,7 +30,7 @@ HALL = (
 )
 
 
-def test_thin_legs_of_a_table_are_told_and_where(tmp_path):
+def test_thin_legs_of_a_table_are_reported_and_where(tmp_path):
     table(tmp_path / "table.stl")
     (line,) = of_obstacles(tmp_path)
     assert line.startswith("note: obstacles[0]: the grid misses ")
@@ -40,7 +40,7 @@ def test_thin_legs_of_a_table_are_told_and_where(tmp_path):
     assert said(tmp_path, ROOM, *HALL, "domain.spacing=0.05") == []
 
 
-def test_a_mesh_in_another_unit_is_told_with_the_scale(tmp_path):
+def test_a_mesh_in_another_unit_is_reported_with_the_scale(tmp_path):
     table(tmp_path / "table.stl", scale=1000.0)
     (line,) = said(tmp_path, ROOM, *HALL)
     assert line.startswith("obstacles[0]: is at x 2.21 to 1602 m, far larger than the domain, x 0 to 6 m")

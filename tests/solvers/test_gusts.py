@@ -83,7 +83,7 @@ def test_the_air_moves_with_the_gusts(windy):
     assert abs(gust[2]) > 1e-4
 
 
-def test_gusts_are_as_strong_as_told(windy):
+def test_gusts_are_as_strong_as_reported(windy):
     wind = windy((1.2, 0.0), intensity=0.2, time=0.1)
     v = np.empty((1500, 2))
     for n in range(len(v)):

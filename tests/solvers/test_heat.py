@@ -175,7 +175,7 @@ def test_steps_from_rest_are_short_enough_for_the_fall(layers):
         ({"heaters": [{"position": [0.02, 0.25], "radius": 0.01, "power": 5}]}, r"heaters\[0\]"),
     ],
 )
-def test_what_touches_no_air_is_told(keys, where):
+def test_what_touches_no_air_is_reported(keys, where):
     solid = blocks((10, 10), 0)
     with pytest.raises(ValueError, match=r"buoyancy\.heat\." + where):
         warm_box((10, 10), warm_wind(2, heat=keys), solid)

@@ -266,9 +266,9 @@ def test_a_broken_file_in_the_middle_ends_the_run_before_it_begins(case, capsys)
     ):
         (case / "wind_1.csv").write_text("\n".join(text))
         assert run.main(["room.yaml", "--no-recording", "--quiet"]) == 2
-        told = capsys.readouterr().err
-        assert re.match(r"wind\.files: .*wind_1\.csv: " + fault, told)
-        assert told.count("\n") == 1
+        reported = capsys.readouterr().err
+        assert re.match(r"wind\.files: .*wind_1\.csv: " + fault, reported)
+        assert reported.count("\n") == 1
         assert not any(Path("runs").glob("*/result.json"))
 
 

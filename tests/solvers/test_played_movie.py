@@ -67,7 +67,7 @@ def test_nothing_is_lost_on_any_grid(size):
         ("gas.file=../m.npy", "does not exist"),
     ],
 )
-def test_what_cannot_be_played_is_told_in_a_line(folder, override, said):
+def test_what_cannot_be_played_is_reported_in_a_line(folder, override, said):
     with pytest.raises(ScenarioError, match=said) as caught:
         load(folder / "s.yaml", [override])
     assert len(caught.value.faults) == 1

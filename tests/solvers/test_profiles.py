@@ -38,7 +38,7 @@ def by_height(speed, low: int, high: int) -> np.ndarray:
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize(("profile", "speed"), SPEEDS)
-def test_the_speed_grows_with_the_height_as_told(dim, profile, speed):
+def test_the_speed_grows_with_the_height_as_reported(dim, profile, speed):
     found = patch_of(profile, dim).profile
     np.testing.assert_allclose(found.reshape(-1, 20)[0], by_height(speed, 0, 20), rtol=0.02)
     assert found.mean() == pytest.approx(1.0)

@@ -122,15 +122,15 @@ def test_measuring_changes_nothing(air):
         for n in range(3):
             wind.advance(4.0 * n, 4.0)
             seen += [grid.read(u) for u in wind.u]
-            told = wind.mixing() if measure else {}
-        return seen, told
+            reported = wind.mixing() if measure else {}
+        return seen, reported
 
     plain, _ = frames(False)
-    measured, told = frames(True)
+    measured, reported = frames(True)
     assert_same(plain, measured)
-    assert told == wind.mixing()
-    assert told["eddy_diffusivity_m2_per_s"] > 0.0
-    assert ("as_of_air_changes_per_h" in told) == (grid.dim == 3)
+    assert reported == wind.mixing()
+    assert reported["eddy_diffusivity_m2_per_s"] > 0.0
+    assert ("as_of_air_changes_per_h" in reported) == (grid.dim == 3)
 
 
 def test_measured_rooms():

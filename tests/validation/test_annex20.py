@@ -85,10 +85,10 @@ def test_the_report_shows_every_mesh_beside_what_was_measured(monkeypatch):
     mesh = annex20.Mesh(1, None, Times(2.0, 4.0, 1.0), seeds=1)
     monkeypatch.setattr(annex20, "MESHES", (mesh,))
     finest = mesh._replace(coarser=mesh, times=Times(1.0, 2.0, 1.0), width=None)
-    told = annex20.all_meshes(3, finest)
-    assert (annex20.PUBLISHED.keys() | annex20.EXPECTED.keys()) <= told.keys()
-    assert told["u/U0, rms of all points"].n == 1  # no more seeds than the mesh has
+    reported = annex20.all_meshes(3, finest)
+    assert (annex20.PUBLISHED.keys() | annex20.EXPECTED.keys()) <= reported.keys()
+    assert reported["u/U0, rms of all points"].n == 1  # no more seeds than the mesh has
     for name, line in annex20.LINES.items():
-        picture = told[f"u along {name}"]
+        picture = reported[f"u along {name}"]
         np.testing.assert_allclose(picture.lines["measured"] * annex20.U0, line.u)
         assert picture.lines[finest.name].shape == line.along.shape

@@ -62,5 +62,5 @@ def test_a_short_run_flows_around_the_step():
     z, found, measured = case.behind(record.mean, cells, 6)
     assert len(z) == len(found) == len(measured) == 17
     (experiment,) = case.CASES
-    told = case.quantities(record, cells).keys()
-    assert all(one.published.keys() | one.expected.keys() <= told for one in experiment.conditions)
+    reported = case.quantities(record, cells).keys()
+    assert all(one.published.keys() | one.expected.keys() <= reported for one in experiment.conditions)

@@ -23,7 +23,7 @@ def test_right_sides_can_be_solved():
 
 
 @pytest.mark.slow
-def test_the_pressure_is_solved_as_told(monkeypatch, capsys):
+def test_the_pressure_is_solved_as_reported(monkeypatch, capsys):
     monkeypatch.setattr(pressure, "SIDES", (24,))
     assert main(["--pressure", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
@@ -88,20 +88,20 @@ def test_environments_are_measured_beside_what_is_wanted(monkeypatch, capsys):
 def test_a_shared_air_is_compared_with_runs_of_their_own(tmp_path, capsys):
     (tmp_path / "room.yaml").write_text(json.dumps(changed(ROOM)))
     assert not main(["studies", "shared", str(tmp_path / "room.yaml"), "--searches", "3", "--alone", "2"])
-    told = capsys.readouterr().out
-    assert "one air, filmed: 21 frames" in told
-    assert "the same to the bit: 2 of 2" in told
+    reported = capsys.readouterr().out
+    assert "one air, filmed: 21 frames" in reported
+    assert "the same to the bit: 2 of 2" in reported
 
 
 @pytest.mark.slow
-def test_an_air_that_cannot_be_shared_is_told(tmp_path, capsys):
+def test_an_air_that_cannot_be_shared_is_reported(tmp_path, capsys):
     (tmp_path / "room.yaml").write_text(json.dumps(changed(UNIFORM)))
     assert main(["studies", "shared", str(tmp_path / "room.yaml")]) == 2
     assert "neither wind nor gas is solved" in capsys.readouterr().err
 
 
 @pytest.mark.slow
-def test_the_memory_over_many_runs_is_told(tmp_path, capsys):
+def test_the_memory_over_many_runs_is_reported(tmp_path, capsys):
     (tmp_path / "room.yaml").write_text(json.dumps(changed(UNIFORM)))
     assert not main(["studies", "overhead", str(tmp_path / "room.yaml"), "--runs", "20"])
     lines = capsys.readouterr().out.splitlines()

@@ -15,10 +15,10 @@ FIGURES = {
 @pytest.fixture
 def rows(monkeypatch):
     """Rows that take no time: one with what another program needs, one that cannot be measured."""
-    told = {name: iter(figures) for name, figures in FIGURES.items()}
+    reported = {name: iter(figures) for name, figures in FIGURES.items()}
 
     def look_up(name, checkout, args):
-        return dict(next(told[checkout.name]))
+        return dict(next(reported[checkout.name]))
 
     def fail(name, checkout, args):
         raise RuntimeError("exit code 1: no room left")
@@ -30,7 +30,7 @@ def rows(monkeypatch):
     monkeypatch.setattr(clock, "ROWS", made)
 
 
-def test_a_misspelt_row_is_told(capsys):
+def test_a_misspelt_row_is_reported(capsys):
     assert main(["clock", "arena_3D"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("unknown row 'arena_3D'; known: arena_3d, ")
@@ -69,7 +69,7 @@ def test_checkouts_are_measured_in_turns_and_compared(rows, tmp_path, capsys):
     )  # the best of each
 
 
-def test_a_row_that_fails_is_told_and_the_others_go_on(rows, tmp_path, capsys):
+def test_a_row_that_fails_is_reported_and_the_others_go_on(rows, tmp_path, capsys):
     assert main(["clock", "broken", "room", "--checkout", str(tmp_path / "new"), "--json"]) == 1
     shown = capsys.readouterr()
     (row,) = json.loads(shown.out)

@@ -46,9 +46,9 @@ def test_few_trials_refute_only_what_their_interval_leaves_out(low, high, refute
 
 
 def of(**keys):
-    told = {"time [s]": Mean(30.0, 28.0, 32.0, 5), "ways": LINE}
+    reported = {"time [s]": Mean(30.0, 28.0, 32.0, 5), "ways": LINE}
     calls = []
-    condition = Condition("calm", lambda n: calls.append(n) or told, **keys)
+    condition = Condition("calm", lambda n: calls.append(n) or reported, **keys)
     return Experiment("made_up", "", "", (condition,), evidence="measured"), calls
 
 

@@ -59,7 +59,7 @@ def table(monkeypatch):
     monkeypatch.setattr("taichi_plume.validation.cases.CASES", cases)
 
 
-def test_a_misspelt_case_is_told(capsys):
+def test_a_misspelt_case_is_reported(capsys):
     assert main(["taylor_gren_2d"]) == 2
     assert "did you mean 'taylor_green_2d'?" in capsys.readouterr().err
 
@@ -90,8 +90,8 @@ def test_named_cases_are_solved_and_reported_with_their_curves(table, idle, tmp_
 
 def test_pictures_are_thinned_and_rounded_for_json():
     way = np.column_stack([np.linspace(0.0, 3.14159, 1000), np.full(1000, np.nan)])
-    (told,) = plain({"ways": Tracks((4.0, 3.0), (0.1, 1.5), (way,))}).values()
-    (points,) = told["ways"]
+    (reported,) = plain({"ways": Tracks((4.0, 3.0), (0.1, 1.5), (way,))}).values()
+    (points,) = reported["ways"]
     assert len(points) <= 80
     assert points[0] == [0.0, None]
     assert points[-1] == [3.142, None]
@@ -99,9 +99,9 @@ def test_pictures_are_thinned_and_rounded_for_json():
 
 def test_a_column_is_as_good_as_a_row_in_json():
     x = np.linspace(0.0, 1.0, 5)
-    (told,) = plain({"c": Curve("x", "c", x, x[:, None], x[:, None])}).values()
-    assert told["computed"] == told["x"] == [0.0, 0.25, 0.5, 0.75, 1.0]
-    assert "fit" not in told
+    (reported,) = plain({"c": Curve("x", "c", x, x[:, None], x[:, None])}).values()
+    assert reported["computed"] == reported["x"] == [0.0, 0.25, 0.5, 0.75, 1.0]
+    assert "fit" not in reported
 
 
 def test_a_law_that_was_fitted_is_drawn_and_kept():
@@ -127,7 +127,7 @@ def test_the_page_shows_norms_curves_and_faults(table, idle, tmp_path):
     assert any(b"parabola" in picture for picture in pictures)
 
 
-def test_a_failure_is_told_and_the_others_go_on(table, capsys):
+def test_a_failure_is_reported_and_the_others_go_on(table, capsys):
     assert main([]) == 1
     shown = capsys.readouterr().out
     assert "NOT MET" in shown
@@ -148,8 +148,14 @@ def test_an_experiment_is_reported(experiments, tmp_path, capsys, option, trials
     assert "0.9 (0.8 to 0.95)" in shown
     (case,) = json.loads((tmp_path / "report.json").read_text())["cases"]
     success, time = case["rows"]
-    told = {"condition": "a < b", "quantity": "success", "published": "", "expected": ">= 0.8", "met": True}
-    assert success == told | {"mean": 0.9, "low": 0.8, "high": 0.95, "n": trials, "airs": None}
+    reported = {
+        "condition": "a < b",
+        "quantity": "success",
+        "published": "",
+        "expected": ">= 0.8",
+        "met": True,
+    }
+    assert success == reported | {"mean": 0.9, "low": 0.8, "high": 0.95, "n": trials, "airs": None}
     assert (time["mean"], time["published"], time["met"]) == (None, "35 s", None)
     page = (tmp_path / "report.html").read_text()
     assert "a &lt; b" in page

@@ -76,7 +76,7 @@ def test_teams_are_chosen_by_what_they_are():
 
 
 def test_persistence_of_a_known_process():
-    """Readings that follow an autoregression of known correlation: kept is it, and a mean of all snaps errs as told."""
+    """Readings that follow an autoregression of known correlation: it is kept; a mean of all snaps errs so."""
     rng, kept = np.random.default_rng(1), np.array([0.0, 0.5, 0.8])
     x = np.zeros((4000, 3, 4, 4))
     noise = rng.standard_normal(x.shape)
@@ -124,8 +124,8 @@ def test_a_short_run_tells_everything(monkeypatch):
     try:
         airs = mapping_scenario.in_airs(2)
         for condition in mapping_cases.CASES[0].conditions:
-            told = condition.run(2)
-            means = {name: part for name, part in told.items() if isinstance(part, Mean)}
+            reported = condition.run(2)
+            means = {name: part for name, part in reported.items() if isinstance(part, Mean)}
             assert condition.published.keys() | condition.expected.keys() <= means.keys()
             assert {mean.n for mean in means.values()} <= {0, 1, 2}
     finally:

@@ -23,7 +23,7 @@ from taichi_plume.validation.mapping_whiffs import (
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
-def test_whiffs_are_as_told():
+def test_whiffs_are_as_reported():
     found = whiffs(200_000, 5.0, np.random.default_rng(1))
     assert found.mean() == pytest.approx(1.0, abs=0.02)
     assert found.std() == pytest.approx(1.0, abs=0.05)

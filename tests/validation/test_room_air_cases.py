@@ -41,11 +41,11 @@ def test_the_default_of_each_room_is_judged_by_the_law_of_closed_rooms():
 def test_a_short_run_tells_everything(monkeypatch):
     monkeypatch.setattr(room_air_cases, "ROOM", ((16, 14, 10), 0.2))
     monkeypatch.setattr(room_air_cases, "LOOKS", (5.0, 20.0))
-    told = room_air_cases.released(2)
-    means = [part for part in told.values() if isinstance(part, Mean)]
+    reported = room_air_cases.released(2)
+    means = [part for part in reported.values() if isinstance(part, Mean)]
     assert {mean.n for mean in means} == {2}
-    assert told[RATIO].mean is not None
-    (curve,) = (part for part in told.values() if isinstance(part, Curve))
+    assert reported[RATIO].mean is not None
+    (curve,) = (part for part in reported.values() if isinstance(part, Curve))
     width = curve.x[1] - curve.x[0]
     assert curve.computed.sum() * width == pytest.approx(1.0, rel=1e-5)
     assert curve.reference.sum() * width == pytest.approx(1.0, rel=1e-3)

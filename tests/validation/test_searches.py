@@ -37,14 +37,14 @@ def test_the_arena_of_dapso_is_that_of_the_config():
     assert ours.model_copy(update={"maps": theirs.maps, "seed": theirs.seed}) == theirs
 
 
-def test_what_is_wrong_with_a_scenario_is_told():
+def test_what_is_wrong_with_a_scenario_is_reported():
     with pytest.raises(ScenarioError, match=r"gas.sources\[0\]"):
         scenario_of(arena(LAMINAR, PLUME | {"sources": [{"position": [9.0, 1.5], "rate": 1e-6}]}))
 
 
 def test_trials_of_all_airs_come_together():
-    told: Any = in_airs(5, arena(LAMINAR, PLUME) | {"duration": 60.0}, "ways", airs=2)
-    success, time, way, tracks = (told[name] for name in ("success", "time [s]", WAY, "ways"))
+    reported: Any = in_airs(5, arena(LAMINAR, PLUME) | {"duration": 60.0}, "ways", airs=2)
+    success, time, way, tracks = (reported[name] for name in ("success", "time [s]", WAY, "ways"))
     assert (success.mean, success.n) == (1.0, 5)
     assert way.mean > 0.9  # they stop 0.35 m before the source, 3.6 m away
     assert time.mean > 3.0 / 0.2
@@ -57,8 +57,8 @@ def test_trials_of_all_airs_come_together():
 
 def test_failures_are_shown_first():
     """Two seconds are too short for all."""
-    told: Any = searches([arena(LAMINAR, PLUME) | {"duration": 2.0}], [4], "ways")
-    success, time, tracks = told["success"], told["time [s]"], told["ways"]
+    reported: Any = searches([arena(LAMINAR, PLUME) | {"duration": 2.0}], [4], "ways")
+    success, time, tracks = reported["success"], reported["time [s]"], reported["ways"]
     assert (success.mean, time.mean) == (0.0, None)
     assert len(tracks.ways) == 3
 

@@ -39,14 +39,14 @@ def test_every_row_has_its_trials(monkeypatch):
     monkeypatch.setattr(spiral_cases, "begins", lambda row: [0.0, 5.0, 5.0, 10.0])
     (experiment,) = CASES
     rows = experiment.conditions[:9]
-    told = {condition.name: condition.run(6) for condition in rows}
-    quick, slow = told["E. coli 3 s, 180 cm"], told["random SPIRAL, 180 cm"]
+    reported = {condition.name: condition.run(6) for condition in rows}
+    quick, slow = reported["E. coli 3 s, 180 cm"], reported["random SPIRAL, 180 cm"]
     assert Range(least=15).met(quick["acquisitions"].mean)  # of 3 s, and 5 s of driving and turning
     assert Range(3, 4.5).met(slow["acquisitions"].mean)  # of 31 s, and 5
-    assert all(told[row.name]["success"].n == 6 for row in rows[:-1])
+    assert all(reported[row.name]["success"].n == 6 for row in rows[:-1])
     ratios = rows[-1]
     assert ratios.published.keys() >= ratios.expected.keys()
-    assert told[ratios.name].keys() > ratios.expected.keys()
+    assert reported[ratios.name].keys() > ratios.expected.keys()
     assert all((one["time_s"][one["success"]] <= 150.0).all() for one in spiral_cases.table(6).values())
 
 
@@ -76,8 +76,8 @@ def test_chi_square_counts_standard_errors():
     assert chi_square([(of_four, 4), (-2 * of_four, 4)], [ours, ours]) == pytest.approx(5.0)
 
 
-def test_indices_have_the_noise_that_is_told():
-    """Readings at a place differ from acquisition to acquisition, not within one, and by the spread that is told."""
+def test_indices_have_the_noise_that_is_reported():
+    """Readings at a place differ from acquisition to acquisition, not within one, and by the spread that is given."""
     groups = [momo(name, 2000, at(150), {"kind": "ecoli"}) for name in ("smooth", "noisy")]
     sim = assemble(scenario_of(floor(groups, 10.0) | {"rivals": True}))
     field = NoisyIndex(sim.swarm, np.repeat([0.0, 0.4], 2000))

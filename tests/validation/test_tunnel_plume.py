@@ -77,11 +77,11 @@ def test_the_scenario_can_be_run_and_measures_where_it_says():
         assert case.U / part.release_rate < 1.8 * part.initial_size
 
 
-def test_what_is_judged_is_told_of_every_kind(monkeypatch):
+def test_what_is_judged_is_reported_for_every_kind(monkeypatch):
     made = [gamma_plume(k, 1000) for k in (1, 2)]
     airs = tuple({kind: case.found_in(one, kind) for kind in case.KINDS} for one in made)
     monkeypatch.setattr(case, "_airs", lambda count: airs)
     for kind in case.KINDS:
-        told = case.plume(2, kind)
-        assert case.EXPECTED[kind].keys() <= told.keys()
-    assert told["c'/C over that of puffs of 35 mm, where wide"].mean == pytest.approx(1.0)
+        reported = case.plume(2, kind)
+        assert case.EXPECTED[kind].keys() <= reported.keys()
+    assert reported["c'/C over that of puffs of 35 mm, where wide"].mean == pytest.approx(1.0)
