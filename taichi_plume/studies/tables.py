@@ -87,9 +87,7 @@ def planned(plan: "Plan") -> Planned:
         "axes": [list(axis) for axis in plan.axes],
         "outcomes": dict(study.get("outcomes") or {}),
         "file": plan.file.name,
-        "longest_s": max(
-            parse(request.changes.get("duration", plan.base["duration"]), "s") for request in requests
-        ),
+        "longest_s": max(parse((plan.base | request.changes)["duration"], "s") for request in requests),
         "version": __version__,
         "study": study,
     }

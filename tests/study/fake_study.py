@@ -41,7 +41,7 @@ def plan_of(folder: Path, told: dict[str, Any]) -> Any:
     }
     study = SimpleNamespace(**about, share_air="exact", model_dump=lambda mode: about)
     return SimpleNamespace(
-        study=study, file=folder / "study.yaml", folder=folder, base=told.get("base", {}),
+        study=study, file=folder / "study.yaml", folder=folder, base={"duration": 60.0} | told.get("base", {}),
         axes=(Axis("speed", "m/s", False),), requests=requests,
         texts=texts,
     )  # fmt: skip

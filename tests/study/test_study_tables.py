@@ -303,3 +303,15 @@ def test_more_points_in_airs_of_the_same_seeds_make_no_narrower_interval(tmp_pat
     ):
         assert pooled[:3] == pytest.approx(alone[:3])
         assert pooled.airs == alone.airs == 8
+
+
+@pytest.mark.parametrize("base", [{}, {"duration": 10}])
+def test_the_longest_run_may_have_its_duration_from_an_axis(base):
+    plan = made_study.plan({}, [()], airs=2)
+    durations = ("90 s", "2 min")
+    plan.base = base
+    plan.requests = [
+        request._replace(changes={"duration": duration})
+        for request, duration in zip(plan.requests, durations, strict=True)
+    ]
+    assert tables.planned(plan).longest_s == 120.0
