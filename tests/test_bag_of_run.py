@@ -17,6 +17,7 @@ from taichi_plume.cli import run as run_command
 from taichi_plume.files import disk
 from taichi_plume.files.bag_readings import BagOptions
 from taichi_plume.files.readings import read
+from taichi_plume.files.ros_robots import MapFrame
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.results import bag_of_fields, bag_of_run
 
@@ -103,7 +104,7 @@ def test_walls_from_files_elsewhere_are_asked_for(tmp_path, capsys):
     """Unless the run's manifest names them; a line says what the map lacks without."""
     (tmp_path / "plan.pgm").write_bytes(b"P5 20 15 255\n" + (b"\xff" * 10 + b"\x00" + b"\xff" * 9) * 15)
     (tmp_path / "plan.yaml").write_text(
-        "image: plan.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n"
+        "image: plan.pgm\nresolution: 0.1\norigin: [-2, -1, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n"
     )
     (tmp_path / "s.yaml").write_text(
         "duration: 1\ndomain: {size: [2, 1.5], spacing: 0.1}\nwind: {kind: synthetic, speed: 5 cm/s}\n"
@@ -113,7 +114,7 @@ def test_walls_from_files_elsewhere_are_asked_for(tmp_path, capsys):
     out = tmp_path / "runs/one"
     options = ["--out", str(out), "--quiet", "--no-report", "--no-recording"]
     assert run_command.main([str(tmp_path / "s.yaml"), *options]) == 0
-    named = (bag_of_fields.floor(open_run(out), False).data == 100).sum()
+    named = (bag_of_fields.floor(open_run(out), False)[0].data == 100).sum()
     (out / "manifest.json").unlink()
     taken = []
     for options in ([], ["--allow-outside"]):
@@ -121,7 +122,17 @@ def test_walls_from_files_elsewhere_are_asked_for(tmp_path, capsys):
         bag = str(tmp_path / f"bag{len(options)}")
         assert export.main([str(out), "--to", "mcap", "--out", bag, *options]) == 0
         assert ("note: /map: Obstacle 0" in capsys.readouterr().err) is not bool(options)
-        taken.append((bag_of_fields.floor(open_run(out), bool(options)).data == 100).sum())
+        taken.append((bag_of_fields.floor(open_run(out), bool(options))[0].data == 100).sum())
+        (_, plan), *_ = messages_of(Path(bag))["/map"]
+        frame, corner = ("map", (-2.1, -1.1)) if options else ("domain", (-0.1, -0.1))
+        assert plan.header.frame_id == frame
+        assert (plan.info.origin.position.x, plan.info.origin.position.y) == pytest.approx(corner)
+        gas = messages_of(Path(bag))["/plume/ethanol"][-1][1]
+        assert gas.header.frame_id == frame
+        points = cloud(gas)
+        n = points["ppm"].argmax()
+        source = np.array([0.4, 0.3]) + ((-2.0, -1.0) if options else (0.0, 0.0))
+        assert np.hypot(points["x"][n] - source[0], points["y"][n] - source[1]) < 0.15
     assert taken[1] - taken[0] == 15
     assert named == taken[1]
 
@@ -196,7 +207,7 @@ def test_the_map_is_free_where_robots_can_be(said, tmp_path):
     assert (one.info.width, one.info.height) == (18, 14)
     assert (one.data.reshape(14, 18)[1:-1, 1:-1] == 0).all()
     told = made_run.result(made_run.scenario(), version=__version__)
-    one = bag_of_fields.floor(open_run(made_run.made(tmp_path, recording=False, told=told)), False)
+    one, _ = bag_of_fields.floor(open_run(made_run.made(tmp_path, recording=False, told=told)), False)
     assert one.info.resolution == pytest.approx(0.1)
     assert (one.info.origin.position.x, one.info.origin.position.y) == (-0.1, -0.1)
     assert (one.info.height, one.info.width) == (32, 42)
@@ -359,7 +370,7 @@ def test_more_cells_than_points_are_averaged_and_no_gas_is_lost(run):
     air = data.air.copy(data=rng.choice([0.0, 0.3, 1.0], data.air.shape).astype(np.float32))
     gas = data.ethanol_ppm.copy(data=rng.uniform(1, 9, data.ethanol_ppm.shape).astype(np.float32))
     one.__dict__["fields"] = data.assign(air=air, ethanol_ppm=gas)
-    for n, (_, topic, message) in enumerate(bag_of_fields.clouds(one, "ethanol_ppm", 60, 0.0)):
+    for n, (_, topic, message) in enumerate(bag_of_fields.clouds(one, "ethanol_ppm", 60, 0.0, MapFrame())):
         points = cloud(message)
         assert topic == "/plume/ethanol"
         assert 20 < len(points) <= 60

@@ -197,10 +197,10 @@ def yaw(q: Message) -> float:
     return float(np.arctan2(2.0 * (q.w * q.z + q.x * q.y), norm - 2.0 * (q.y * q.y + q.z * q.z)))
 
 
-def grid(percent: np.ndarray, cell: float, low: float, t: float, frame: str) -> Message:
-    """Build a ROS OccupancyGrid from (ny, nx) percents 0 to 100, -1 if unknown. cell [m]; corner (low, low) [m]."""
+def grid(percent: np.ndarray, cell: float, low: tuple[float, float], t: float, frame: str) -> Message:
+    """Build a ROS OccupancyGrid from (ny, nx) percents 0 to 100, -1 if unknown. cell [m]; low: lower corner [m]."""
     ny, nx = percent.shape
-    origin = {"position": {"x": low, "y": low}, "orientation": yawed(0.0)}
+    origin = {"position": {"x": low[0], "y": low[1]}, "orientation": yawed(0.0)}
     info = {"map_load_time": time(t), "resolution": cell, "width": nx, "height": ny, "origin": origin}
     return message(GRID, header=header(t, frame), info=info, data=percent.astype(np.int8).ravel())
 

@@ -1,23 +1,61 @@
 """Robots in ROS messages, live and in bags: coordinate frames (tf) and sensor descriptions.
 
-map                     origin and axes of the domain
+map                     frame of the scenario's first map of ROS; without one, origin and axes of the domain
+domain                  instead of map in a bag, if that map's file cannot be read: origin and axes of the domain
 ROBOT/base_link         centre of the body, in 3-D of its lower end
 ROBOT/gas_sensor        first gas sensor; gas_sensor_1 the next, and so on. Lasers point along x
 ROBOT/anemometer
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from math import atan2, hypot, pi, radians
+from typing import NamedTuple
+
+import numpy as np
 
 from taichi_plume.files import ros_messages as ros
+from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.scenario.gas_sensors import GasSensor, PidSensor, TdlasSensor
 from taichi_plume.scenario.metal_oxides import MoxSensor
+from taichi_plume.scenario.obstacles import WallMap
+from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.sensors import Sensors
 
-MAP, BASE, GAS, WIND = "map", "base_link", "gas_sensor", "anemometer"
+BASE, GAS, WIND = "base_link", "gas_sensor", "anemometer"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 Fields = dict[str, object]
 """Fields of a message or of a part of one, by name."""
+
+
+class MapFrame(NamedTuple):
+    """Frame of published positions, with the domain's axes. corner: the domain's lower corner in it, x and y [m]."""
+
+    name: str = "map"
+    corner: tuple[float, float] = (0.0, 0.0)
+
+    @classmethod
+    def of(cls, scenario: Scenario, shapes: Iterable[object]) -> "MapFrame":
+        """Return the frame of a scenario's first map of ROS, whose shape is in `shapes` unless its file is missing."""
+        first = next((obstacle for obstacle in scenario.obstacles if isinstance(obstacle, WallMap)), None)
+        if first is None:
+            return cls()
+        plans = (shape for shape in shapes if isinstance(shape, FloorPlan) and shape.model == first)
+        origin = first.origin or next((plan.origin for plan in plans), None)
+        return cls("domain") if origin is None else cls(corner=(float(origin[0]), float(origin[1])))
+
+    def point(self, x: float, y: float, z: float = 0.0) -> dict[str, float]:
+        """Return a position in the domain [m] as the fields of a ROS Point in this frame."""
+        return {"x": x + self.corner[0], "y": y + self.corner[1], "z": z}
+
+    def grid(self, percent: np.ndarray, cell: float, low: float, t: float) -> ros.Message:
+        """Return a ROS OccupancyGrid, see `ros_messages.grid`; low: its corner in the domain, x and y [m]."""
+        x, y = self.corner
+        return ros.grid(percent, cell, (x + low, y + low), t, self.name)
+
+    def cloud(self, columns: Mapping[str, np.ndarray], t: float) -> ros.Message:
+        """Return a ROS PointCloud2 of columns (n,) by name, with positions x, y, z in the domain [m]."""
+        moved = {axis: columns[axis] + shift for axis, shift in zip("xy", self.corner, strict=True)}
+        return ros.cloud({**columns, **moved}, t, self.name)
 
 
 def numbered(name: str, slot: int) -> str:

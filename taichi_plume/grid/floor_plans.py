@@ -29,7 +29,8 @@ class FloorPlan(Upright):
     """Walls of an occupancy map as an obstacle; only the part in the domain is stored.
 
     solid: wall pixels, bool, axes (x, y), along the domain's; size: edge of a pixel [m]; corner: lower corner of the
-    first pixel in the domain [m]. low, high: box around the whole map; reach: box of its floor in the map's frame.
+    first pixel in the domain [m]. low, high: box around the whole map; in the map's frame, reach: box of its
+    floor, origin: the domain's lower corner, x and y [m].
     """
 
     def __init__(self, model: Any, extent: tuple[float, ...], folder: Path):
@@ -37,7 +38,7 @@ class FloorPlan(Upright):
         solid = plan.pixels != FREE if model.unknown == "wall" else plan.pixels == OCCUPIED
         low, high = _reach(plan)
         self.reach = low, high
-        shift = low if model.origin is None else np.array(model.origin)
+        self.origin = shift = low if model.origin is None else np.array(model.origin)
         try:
             self.solid, self.size, self.corner = _along_axes(solid, plan, shift, extent)
         except MapError as error:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichi_plume.files import ros_messages as ros
-from taichi_plume.files.ros_robots import MAP
+from taichi_plume.files.ros_robots import MapFrame
 from taichi_plume.guard.terminal import say
 from taichi_plume.results.run import Run
 
@@ -23,9 +23,10 @@ def species(name: str) -> str:
     return ros.word(name.removesuffix("_ppm"))
 
 
-def floor(run: Run, allow_outside: bool) -> ros.Message:
-    """Return a run's ROS occupancy grid. Occupied are static obstacles, cells beyond the arena, and a border.
+def floor(run: Run, allow_outside: bool) -> tuple[ros.Message, MapFrame]:
+    """Return a run's ROS occupancy grid and the frame of all positions.
 
+    Occupied are static obstacles, cells beyond the arena, and a border.
     Prints a note on each obstacle that cannot be read.
     """
     from taichi_plume.results.obstacles import shapes_of
@@ -44,10 +45,11 @@ def floor(run: Run, allow_outside: bool) -> ros.Message:
     for shape in shapes:
         if shape.model.motion is None:
             taken |= shape.horizontal_distance(points, 0.0, tall) < 0.0
-    return ros.grid(np.where(taken, 100, 0), h, -h, 0.0, MAP)
+    frame = MapFrame.of(scenario, shapes)
+    return frame.grid(np.where(taken, 100, 0), h, -h, 0.0), frame
 
 
-def clouds(run: Run, name: str, most: int, least: float) -> Iterator[Stamped]:
+def clouds(run: Run, name: str, most: int, least: float, frame: MapFrame) -> Iterator[Stamped]:
     """Yield a gas [ppm] per film frame as (time, topic, point cloud): at most `most` points of at least `least`."""
     from taichi_plume.results.export import frames
 
@@ -68,7 +70,7 @@ def clouds(run: Run, name: str, most: int, least: float) -> Iterator[Stamped]:
         mean = (gas.coarsen(blocks, boundary="pad").sum() / air.where(air > 0)).values.reshape(x.shape)
         there = mean >= least
         columns = {"x": x[there], "y": y[there], "z": z[there], "ppm": mean[there]}
-        yield t, f"/plume/{species(name)}", ros.cloud(columns, t, MAP)
+        yield t, f"/plume/{species(name)}", frame.cloud(columns, t)
 
 
 def maps_of(run: Run, trial: int) -> Iterator[tuple[str, "xarray.Dataset", int]]:
@@ -81,7 +83,7 @@ def maps_of(run: Run, trial: int) -> Iterator[tuple[str, "xarray.Dataset", int]]
                 yield name, gas_map, part["first_trial"] + trial
 
 
-def maps_at_end(run: Run, trial: int) -> Iterator[Stamped]:
+def maps_at_end(run: Run, trial: int, frame: MapFrame) -> Iterator[Stamped]:
     """Yield each final gas map of a trial as ROS messages: an occupancy grid in percent of the peak, a point cloud."""
     for name, gas_map, row in maps_of(run, trial):
         estimate = gas_map["estimate"].values[row].astype(float)
@@ -89,9 +91,9 @@ def maps_at_end(run: Run, trial: int) -> Iterator[Stamped]:
         peak = np.max(estimate, where=known, initial=0.0)
         share = np.clip(np.where(known, estimate, 0.0) / (peak or 1.0), 0.0, 1.0)
         t, cell = float(gas_map.attrs["t_s"]), float(gas_map.attrs["cell"])
-        yield t, name, ros.grid(np.where(known, np.round(100 * share), -1), cell, 0.0, t, MAP)
+        yield t, name, frame.grid(np.where(known, np.round(100 * share), -1), cell, 0.0, t)
         x, y = np.meshgrid(gas_map["x"].values, gas_map["y"].values)
         cells = {"ppm": "estimate", "weight": "weight", "variance": "variance", "truth": "truth"}
         columns = {"x": x, "y": y, "z": np.zeros_like(x)}
         columns |= {column: gas_map[key].values[row] for column, key in cells.items() if key in gas_map}
-        yield t, f"{name}/cells", ros.cloud({key: values[known] for key, values in columns.items()}, t, MAP)
+        yield t, f"{name}/cells", frame.cloud({key: values[known] for key, values in columns.items()}, t)

@@ -27,9 +27,9 @@ from taichi_plume.files.bag_writer import BagWriter, NoBagError, new_bag
 from taichi_plume.files.ros_robots import (
     BASE,
     GAS,
-    MAP,
     TRANSFORMS,
     Fields,
+    MapFrame,
     carried,
     numbered,
     sensor_fields,
@@ -82,12 +82,13 @@ def write(run: Run, out: Path, choice: Choice, force: bool = False) -> list[Path
     try:
         with new_bag(out, facts, force) as bag:
             _topics(bag, run, robots, gases, choice)
-            streams: list[Iterator[Stamped]] = [_still(run, robots, choice.allow_outside)]
+            plan, frame = floor(run, choice.allow_outside)
+            streams: list[Iterator[Stamped]] = [_still(run, robots, plan)]
             times = [float(t) for t in robots[0].table["t"]] if robots else run.fields.time.values.tolist()
-            streams += [((t, "/clock", None) for t in times if t >= 0), _moving(robots)]
-            streams += [_readings(robot) for robot in robots]
-            streams += [clouds(run, name, choice.points, choice.least) for name in gases]
-            streams.append(maps_at_end(run, choice.trial))
+            streams += [((t, "/clock", None) for t in times if t >= 0), _moving(robots, frame)]
+            streams += [_readings(robot, frame) for robot in robots]
+            streams += [clouds(run, name, choice.points, choice.least, frame) for name in gases]
+            streams.append(maps_at_end(run, choice.trial, frame))
             for t, topic, message in merge(*streams, key=lambda stamped: stamped[0]):
                 now = choice.begin + t
                 bag.write(topic, now, _stamped(message, now))
@@ -169,47 +170,50 @@ def _robots(run: Run, trial: int) -> list[Robot]:
     return robots
 
 
-def _still(run: Run, robots: list[Robot], allow_outside: bool) -> Iterator[Stamped]:
+def _still(run: Run, robots: list[Robot], plan: ros.Message) -> Iterator[Stamped]:
     """Yield the ROS messages that do not change: the floor plan, and the frames of the sensors on their robots."""
-    yield 0.0, "/map", floor(run, allow_outside)
+    yield 0.0, "/map", plan
     flat = run.scenario.domain.dim == 2
     places = [frame for robot in robots for frame in carried(robot.name, robot.group.sensors, flat)]
     if places:
         yield 0.0, "/tf_static", ros.message(TRANSFORMS, transforms=places)
 
 
-def _believed(table: dict[str, np.ndarray], n: int) -> tuple[dict[str, float], float]:
-    """Return position x, y, z [m] and heading [rad] in which a robot believed to be in table row n."""
-    names = {"x": "believed_x", "y": "believed_y", "z": "z"}
-    place = {axis: float(table[name][n]) for axis, name in names.items()}
+def _believed(table: dict[str, np.ndarray], n: int, frame: MapFrame) -> tuple[dict[str, float], float]:
+    """Return position x, y, z [m] in the frame and heading [rad] in which a robot believed to be in table row n."""
+    place = frame.point(*(float(table[name][n]) for name in ("believed_x", "believed_y", "z")))
     return place, float(table["believed_heading"][n])
 
 
-def _moving(robots: list[Robot]) -> Iterator[Stamped]:
+def _moving(robots: list[Robot], frame: MapFrame) -> Iterator[Stamped]:
     """Yield a /tf message per time with the poses that the robots believe to have."""
     for n, t in enumerate(robots[0].table["t"] if robots else ()):
-        now = [(robot.name, *_believed(robot.table, n)) for robot in robots if n < len(robot.table["t"])]
-        moved = [transform(MAP, f"{name}/{BASE}", place, ros.yawed(heading)) for name, place, heading in now]
+        now = [
+            (robot.name, *_believed(robot.table, n, frame)) for robot in robots if n < len(robot.table["t"])
+        ]
+        moved = [
+            transform(frame.name, f"{name}/{BASE}", place, ros.yawed(heading)) for name, place, heading in now
+        ]
         yield float(t), "/tf", ros.message(TRANSFORMS, transforms=moved)
 
 
-def _readings(robot: Robot) -> Iterator[Stamped]:
+def _readings(robot: Robot, frame: MapFrame) -> Iterator[Stamped]:
     """Yield a robot's ROS messages: odometry, true pose and, after t = 0, gas and wind readings."""
     table, name = robot.table, robot.name
     gas_sensors = [_gas_sensor(robot, k, sensor) for k, sensor in enumerate(robot.group.sensors.noses)]
     moving, turning = _speeds(table)
     for n, t in enumerate(table["t"].tolist()):
-        place, heading = _believed(table, n)
+        place, heading = _believed(table, n, frame)
         pose = {"position": place, "orientation": ros.yawed(heading)}
         twist = {
             "linear": dict(zip("xyz", moving[n].tolist(), strict=True)),
             "angular": {"z": float(turning[n])},
         }
-        head = {"header": ros.header(0.0, MAP), "child_frame_id": f"{name}/{BASE}"}
+        head = {"header": ros.header(0.0, frame.name), "child_frame_id": f"{name}/{BASE}"}
         yield t, f"/{name}/odom", ros.message(ODOMETRY, **head, pose={"pose": pose}, twist={"twist": twist})
-        there = place | {"x": float(table["x"][n]), "y": float(table["y"][n])}
+        there = frame.point(*(float(table[axis][n]) for axis in "xyz"))
         true = {"position": there, "orientation": ros.yawed(float(table["heading"][n]))}
-        yield t, f"/{name}/truth", ros.message(POSE, header=ros.header(0.0, MAP), pose=true)
+        yield t, f"/{name}/truth", ros.message(POSE, header=ros.header(0.0, frame.name), pose=true)
         if t > 0.0:
             for topic, constant, raw in gas_sensors:
                 yield t, topic, ros.message(ros.GAS_SENSOR, raw=float(raw[n]), **constant)

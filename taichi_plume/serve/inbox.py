@@ -20,10 +20,13 @@ import numpy as np
 
 from taichi_plume.agents.external import AWAITED, DRIVEN, LOST, Orders
 from taichi_plume.files import ros_messages as ros
+from taichi_plume.files.ros_robots import MapFrame
+from taichi_plume.guard.terminal import visible
 
 HEADROOM = 4096  # bytes of a message without the entries of the robots
 PER_ROBOT = 64  # bytes per robot
 IN_JSON = 8  # largest ratio of the lengths in JSON and CDR
+DOMAIN = MapFrame()
 UNNUMBERED = 0  # number of commands without a sequence number, such as those of ROS
 
 RosMessage: TypeAlias = Any
@@ -38,8 +41,8 @@ class Inbox:
     """Inbox of one group of `size` robots (all trials), which takes poses if `placed`, else velocities.
 
     floor: lower and upper corner of the valid positions [m]; timeout [s]; clock: returns seconds; ceiling: greatest
-    height of drones [m], None for ground robots. remark: called with a line about a refused message, in the thread of
-    the transport.
+    height of drones [m], None for ground robots; frame: of poses in ROS messages. remark: called with a line about a
+    refused message, in the thread of the transport.
     """
 
     def __init__(
@@ -52,10 +55,12 @@ class Inbox:
         remark: Callable[[str], None] = lambda line: None,
         clock: Callable[[], float] = time.monotonic,
         ceiling: float | None = None,
+        frame: MapFrame = DOMAIN,
     ):
         self.group, self.size, self.placed, self.timeout = group, size, placed, timeout
         self.low, self.high = (np.asarray(corner[:2], float) for corner in floor)
         self.remark, self.clock, self.ceiling = remark, clock, ceiling
+        self.frame = frame
         self.longest = HEADROOM + PER_ROBOT * size
         self.counts: Counter[str] = Counter()
         self.news = threading.Condition()
@@ -79,9 +84,7 @@ class Inbox:
 
     def hear_pose(self, n: int, data: bytes, json: bool = False) -> None:
         """Process a geometry_msgs/PoseStamped as the pose of robot n; data, json: as for `hear_commands`."""
-        self._hear(
-            "geometry_msgs/msg/PoseStamped", data, json, lambda stamped: self._take_pose(n, stamped.pose)
-        )
+        self._hear("geometry_msgs/msg/PoseStamped", data, json, lambda stamped: self._take_pose(n, stamped))
 
     def _hear(self, name: str, data: bytes, json: bool, take: Callable[[RosMessage], None]) -> None:
         longest = self.longest * (IN_JSON if json else 1)
@@ -135,10 +138,13 @@ class Inbox:
         values |= self._in_the_air("left", speeds[:, 2]) | self._in_the_air("climb", speeds[:, 3])
         self._take(np.array([n]), values, UNNUMBERED, 0)
 
-    def _take_pose(self, n: int, pose: RosMessage) -> None:
+    def _take_pose(self, n: int, stamped: RosMessage) -> None:
         if not self.placed:
             raise MalformedError("a pose, but the group takes velocities")
-        place = np.array([[pose.position.x, pose.position.y]])
+        pose, frame = stamped.pose, stamped.header.frame_id.lstrip("/")
+        if frame not in ("", self.frame.name):
+            raise MalformedError(f"a pose in frame '{visible(frame)}'; allowed: {self.frame.name}")
+        place = np.array([[pose.position.x, pose.position.y]]) - self.frame.corner
         heading = np.array([ros.yaw(pose.orientation)])
         if not np.isfinite(place).all() or not np.isfinite(heading).all():
             raise MalformedError("position or orientation is no number")

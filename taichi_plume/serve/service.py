@@ -19,7 +19,7 @@ import numpy as np
 from taichi_plume.agents.external import LOST, ExternalAlgorithm, Orders
 from taichi_plume.execution.signals import SignalRequests
 from taichi_plume.files import ros_messages as ros
-from taichi_plume.files.ros_robots import sensor_fields
+from taichi_plume.files.ros_robots import MapFrame, sensor_fields
 from taichi_plume.guard.terminal import say
 from taichi_plume.serve import topics
 from taichi_plume.serve.inbox import Inbox
@@ -48,7 +48,12 @@ class Outside:
     """Group of external robots with its algorithm and its inbox for commands."""
 
     def __init__(
-        self, sim: TimeLoop, number: int, algorithm: ExternalAlgorithm, remark: Callable[[str], None]
+        self,
+        sim: TimeLoop,
+        number: int,
+        algorithm: ExternalAlgorithm,
+        remark: Callable[[str], None],
+        frame: MapFrame,
     ):
         group = sim.swarm.groups[number]
         model, floor = algorithm.model, sim.scenario.floor
@@ -61,7 +66,9 @@ class Outside:
             model.timeout,
             remark,
             ceiling=sim.grid.extent[2] if algorithm.flies else None,
+            frame=frame,
         )
+        self.frame = frame
         self.noses = [sensor_fields(nose) for nose in group.model.sensors.noses]
         self.each = group.size <= topics.MOST_ROBOTS
         self.lost, self.over = np.zeros(group.size, bool), np.zeros(group.size, bool)
@@ -82,7 +89,9 @@ class Outside:
         by_declaring = self.algorithm.members.groups[0].model.found == "declared"
         readings["over"] = self.over = readings["found"] | (by_declaring & (readings["declarations"] > 0))
         messages = [topics.readings(self.name, t, tick, readings, answered=inbox.number, lost=inbox.lost())]
-        return messages + (list(topics.of_each(self.name, t, readings, self.noses)) if self.each else [])
+        return messages + list(
+            topics.of_each(self.name, t, readings, self.noses, self.frame) if self.each else []
+        )
 
     def order(self, t: float) -> list[str]:
         """Pass the clients' commands to the robots at time t [s]; return a line for robots that are lost or back."""
@@ -133,9 +142,11 @@ class Service:
 
     def attach(self, sim: TimeLoop, signals: SignalRequests) -> None:
         self.sim, self.signals = sim, signals
+        self._frame = MapFrame.of(sim.scenario, sim.obstacles)
         for team in sim.teams:
             if isinstance(team.algorithm, ExternalAlgorithm):
-                self.groups.append(Outside(sim, team.numbers[0], team.algorithm, self.remarks.append))
+                remark = self.remarks.append
+                self.groups.append(Outside(sim, team.numbers[0], team.algorithm, remark, self._frame))
         self.remarks += [
             f"{group.name} has {group.inbox.size} robots, more than {topics.MOST_ROBOTS}: no topics of single robots"
             for group in self.groups
@@ -179,8 +190,10 @@ class Service:
         if len(self._names) <= topics.MOST_ROBOTS:
             now = sim.swarm.snapshot()
             altitude = now.get("altitude", np.zeros(len(now["heading"])))
-            poses = (values[self._first] for values in (now["position"], now["heading"], altitude))
-            messages.append(topics.poses(sim.t, self._names, *poses))
+            place, heading, z = (
+                values[self._first] for values in (now["position"], now["heading"], altitude)
+            )
+            messages.append(topics.poses(sim.t, self._names, place, heading, z, self._frame))
         speed = inf if self.pace.wait else self.pace.speed
         for group in self.groups:  # before sending: answers may arrive before the last message is out
             behind = ceil(group.inbox.timeout * speed / sim.dt) if speed < inf else 1 << 40

@@ -1,7 +1,7 @@
 """Topics of the live service, and construction of the outgoing ROS messages.
 
     - clock              rosgraph_msgs/Clock           simulated time
-    - tf                 tf2_msgs/TFMessage            poses of the robots of the first trial, in the frame `map`
+    - tf                 tf2_msgs/TFMessage            poses of the robots of the first trial; frames: ros_robots.py
     - tf_static          tf2_msgs/TFMessage            positions of the sensors on the robots of the first trial
     - map                nav_msgs/OccupancyGrid        obstacles and walls
     - plume/SPECIES      sensor_msgs/PointCloud2       ppm at the height of the gas sensors, where LEAST or more
@@ -29,8 +29,8 @@ from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_robots import (
     BASE,
     GAS,
-    MAP,
     TRANSFORMS,
+    MapFrame,
     carried,
     numbered,
     transform,
@@ -94,14 +94,21 @@ def ended(group: str, t: float, tick: int) -> Message:
 
 
 def of_each(
-    group: str, t: float, values: dict[str, np.ndarray], sensors: Sequence[Mapping[str, object]]
+    group: str,
+    t: float,
+    values: dict[str, np.ndarray],
+    sensors: Sequence[Mapping[str, object]],
+    frame: MapFrame,
 ) -> Iterator[Message]:
-    """Yield ROS messages with the readings of each single robot; sensors: fields of each gas sensor's messages."""
+    """Yield ROS messages with the readings of each single robot; sensors: fields of each gas sensor's messages.
+
+    frame: of positions.
+    """
     has_resistance = np.isfinite(values["resistance"])
     ohm = {"raw_units": ros.UNITS["ohm"]}
     for n in range(len(has_resistance)):
         robot = f"{group}_{n}"
-        yield _message(f"{robot}/odom", "nav_msgs/msg/Odometry", _odometry, robot, t, values, n)
+        yield _message(f"{robot}/odom", "nav_msgs/msg/Odometry", _odometry, robot, t, values, n, frame)
         for k, sensor in enumerate(sensors):
             gas = {"header": ros.header(t, f"{robot}/{numbered(GAS, k)}"), **sensor}
             topic = f"{robot}/{numbered('gas', k)}"
@@ -112,13 +119,15 @@ def of_each(
         yield _message(f"{robot}/wind", ros.ANEMOMETER, _wind, robot, t, values, n)
 
 
-def _odometry(robot: str, t: float, values: dict[str, np.ndarray], n: int) -> dict[str, object]:
+def _odometry(
+    robot: str, t: float, values: dict[str, np.ndarray], n: int, frame: MapFrame
+) -> dict[str, object]:
     x, y = values["believed_position"][n].tolist()
     pose = {
-        "position": {"x": x, "y": y, "z": float(values["altitude"][n])},
+        "position": frame.point(x, y, float(values["altitude"][n])),
         "orientation": ros.yawed(float(values["believed_heading"][n])),
     }
-    return {"header": ros.header(t, MAP), "child_frame_id": f"{robot}/{BASE}", "pose": {"pose": pose}}
+    return {"header": ros.header(t, frame.name), "child_frame_id": f"{robot}/{BASE}", "pose": {"pose": pose}}
 
 
 def _gas(about: dict[str, object], values: np.ndarray, n: int, k: int) -> dict[str, object]:
@@ -131,17 +140,24 @@ def _wind(robot: str, t: float, values: dict[str, np.ndarray], n: int) -> dict[s
 
 
 def poses(
-    t: float, names: list[str], position: np.ndarray, heading: np.ndarray, altitude: np.ndarray
+    t: float,
+    names: list[str],
+    position: np.ndarray,
+    heading: np.ndarray,
+    altitude: np.ndarray,
+    frame: MapFrame,
 ) -> Message:
     """Return the message with the robots' transforms: position (n, 2) [m], heading (n,) [rad], altitude (n,) [m]."""
     places = np.column_stack([position, altitude])
-    return _message("tf", TRANSFORMS, _transforms, t, names, places, heading)
+    return _message("tf", TRANSFORMS, _transforms, t, names, places, heading, frame)
 
 
-def _transforms(t: float, names: list[str], places: np.ndarray, heading: np.ndarray) -> dict[str, object]:
+def _transforms(
+    t: float, names: list[str], places: np.ndarray, heading: np.ndarray, frame: MapFrame
+) -> dict[str, object]:
     return {
         "transforms": [
-            transform(MAP, f"{name}/{BASE}", dict(zip("xyz", place, strict=True)), ros.yawed(angle), t)
+            transform(frame.name, f"{name}/{BASE}", frame.point(*place), ros.yawed(angle), t)
             for name, place, angle in zip(names, places.tolist(), heading.tolist(), strict=True)
         ]
     }
@@ -158,7 +174,7 @@ class View:
     """Visualisation of a simulation as messages: occupancy grid of the floor, points of gas with LEAST ppm or more."""
 
     def __init__(self, sim: TimeLoop):
-        self.sim = sim
+        self.sim, self.frame = sim, MapFrame.of(sim.scenario, sim.obstacles)
         length, width, *_ = sim.grid.extent
         step = sim.grid.dx
         step *= max(1.0, ceil(np.sqrt(length * width / step**2 / MOST_POINTS)))
@@ -182,7 +198,7 @@ class View:
     def messages(self) -> list[Message]:
         """Return the messages with sensors, floor and gas at the present time."""
         t, dx = self.sim.t, self.sim.grid.dx
-        floor = partial(ros.grid, self.floor, dx, -dx, t, MAP)
+        floor = partial(self.frame.grid, self.floor, dx, -dx, t)
         return [
             Message("tf_static", TRANSFORMS, self._sensors),
             Message("map", ros.GRID, floor),
@@ -205,4 +221,4 @@ class View:
         there = ppm >= LEAST
         x, y = self.places[there].T
         columns = {"x": x, "y": y, "z": np.full(len(x), self.height), "ppm": ppm[there]}
-        return ros.cloud(columns, t, MAP)
+        return self.frame.cloud(columns, t)
