@@ -1,8 +1,9 @@
 """Cut cells (immersed boundary): volume and area fractions of air, where surfaces of obstacles cut through the grid.
 
-The signed distance to the surfaces is taken as linear between nodes half a cell apart: the fractions are of second
-order in the spacing, exact for plane surfaces along the axes. Parts thinner than half a cell may be missed (see
-`unresolved`). Shapes may provide their own fractions (`Shape.shares`).
+The signed distance to the surfaces is taken as linear between nodes half a cell apart and the centres between them, in
+triangles and tetrahedra that no axis is preferred by: the fractions are of second order in the spacing, exact for plane
+surfaces, and turn with the geometry. Parts thinner than half a cell may be missed (see `unresolved`). Shapes may
+provide their own fractions (`Shape.shares`).
 """
 
 from collections.abc import Sequence
@@ -16,7 +17,6 @@ from scipy.sparse.csgraph import connected_components
 from taichi_plume.grid.grid import Grid, block_mean
 from taichi_plume.grid.shapes import FINER, TIE, Shape
 
-SECTIONS = 8  # parts per axis, to integrate a fraction between nodes
 SLIVER = 0.02  # smaller fractions are closed
 Fractions = tuple[np.ndarray, list[np.ndarray]]
 """Air fractions of the cells, and of the faces per axis."""
@@ -207,19 +207,56 @@ def _fraction(distance: np.ndarray, axes: tuple[int, ...]) -> tuple[np.ndarray, 
 
 
 def _integrate(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the fraction of positive values, and their integral, in cells with corner values (n, 2, ...), multilinear.
+    """Return the positive fraction, and the integral of the positive values, of intervals, squares or cubes.
 
-    The result is exact along the last axis.
+    corners: values (n, 2, ...). Around the centre of a square or cube, and of each side of it, which have the mean of
+    their corners, it is divided into simplices, in which the values are linear.
     """
-    if corners.ndim == 2:
-        size = np.maximum(np.abs(corners).sum(axis=1), 1e-30)
-        positive = np.maximum(corners, 0.0)
-        share = positive.sum(axis=1) / size
-        return share, 0.5 * share * positive.sum(axis=1)
-    places = (np.arange(SECTIONS) + 0.5) / SECTIONS
-    sections = [_integrate((1.0 - s) * corners[:, 0] + s * corners[:, 1]) for s in places]
-    shares, totals = zip(*sections, strict=True)
+    simplices = [np.stack(simplex, axis=-1) for simplex in _simplices(corners)]
+    shares, totals = zip(*(_positive(values) for values in simplices), strict=True)
     return np.mean(shares, axis=0), np.mean(totals, axis=0)
+
+
+def _simplices(corners: np.ndarray) -> list[list[np.ndarray]]:
+    """Return the values (n,) at the corners of each simplex of equal volume; corners: values (n, 2, ...)."""
+    dim = corners.ndim - 1
+    if dim == 1:
+        return [[corners[:, 0], corners[:, 1]]]
+    middle = corners.mean(axis=tuple(range(1, dim + 1)), dtype=float)
+    sides = [np.take(corners, end, axis=axis) for axis in range(1, dim + 1) for end in (0, 1)]
+    return [[middle, *simplex] for side in sides for simplex in _simplices(side)]
+
+
+def _positive(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the positive fraction (n,), and the integral of the positive values, of simplices of volume 1 in which
+    the values are linear; values (n, dim + 1) at their corners, dim up to 3.
+    """
+    sorted_values = np.sort(values.astype(float), axis=1)
+    count = (sorted_values > 0.0).sum(axis=1)
+    corners = values.shape[1]
+    share, total = (count == corners).astype(float), np.zeros(len(values))
+    total[count == corners] = sorted_values[count == corners].mean(axis=1)
+    one, but_one = count == 1, (count == corners - 1) & (corners > 2)
+    for part, sign in ((one, 1.0), (but_one, -1.0)):  # the corner that differs in sign cuts off a simplex
+        v = sign * sorted_values[part]
+        tip, base = (v[:, -1:], v[:, :-1]) if sign > 0.0 else (v[:, :1], v[:, 1:])
+        cut = (tip / (tip - base)).prod(axis=1)
+        mean = cut * tip[:, 0] / corners
+        share[part] = cut if sign > 0.0 else 1.0 - cut
+        total[part] = mean if sign > 0.0 else sorted_values[part].mean(axis=1) + mean
+    if corners == 4:
+        two = count == 2
+        d, c, b, a = sorted_values[two].T  # a and b are positive
+        ad, ac, bd, bc = (
+            a / (a - d),
+            a / (a - c),
+            b / (b - d),
+            b / (b - c),
+        )  # where the surface cuts the edges
+        first, second, third = ad * ac, (1.0 - ad) * ac * bd, (1.0 - ac) * bd * bc  # tetrahedra of the wedge
+        share[two] = first + second + third
+        total[two] = (first * (a + b) + (second + third) * b) / 4.0
+    return share, total
 
 
 def _closed(

@@ -1,10 +1,11 @@
+from itertools import permutations, product
 from math import pi
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from taichi_plume.grid.cut_cells import Air, air_of
+from taichi_plume.grid.cut_cells import Air, _integrate, air_of
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario.domain import Domain
@@ -116,3 +117,55 @@ def test_what_is_slit_off_on_all_sides_is_solid():
         assert np.all(inner[cells[1:] | cells[:-1]] == 0.0)
     assert np.all((air.room > 0) == ~air.solid)
     assert np.all(air.room >= air.volume)
+
+
+BALL = Sphere(kind="sphere", center=(0.47, 0.53, 0.51), radius=0.27)
+
+
+@pytest.mark.parametrize("swapped", list(permutations(range(3))))
+def test_the_air_beside_a_sphere_turns_with_it(swapped):
+    """All 48 symmetries of the cube: no axis is preferred."""
+    grid = Grid((12,) * 3, 1.0 / 12)
+    air = air_of([one(BALL, grid)], grid)
+    for mirrored in product((False, True), repeat=3):
+        center = np.array(BALL.center)[list(swapped)]
+        there = Sphere(kind="sphere", center=tuple(np.where(mirrored, 1.0 - center, center)), radius=0.27)
+        turned = air_of([one(there, grid)], grid)
+        flipped = tuple(axis for axis in range(3) if mirrored[axis])
+        for d, axis in enumerate(swapped):
+            for name in ("area", "distance"):
+                here = np.flip(getattr(air, name)[axis].transpose(swapped), flipped)
+                np.testing.assert_allclose(getattr(turned, name)[d], here, atol=1e-6)
+        np.testing.assert_allclose(turned.volume, np.flip(air.volume.transpose(swapped), flipped), atol=1e-6)
+
+
+def test_faces_cut_by_a_sphere_have_the_area_outside_their_disc():
+    """The plane of a face cuts a sphere in a disc; 100² samples a face measure what the disc leaves open."""
+    grid, samples = Grid((24,) * 3, 1.0 / 24), 100
+    air = air_of([one(BALL, grid)], grid)
+    sub = (np.arange(24 * samples) + 0.5) / (24 * samples)
+    for d in range(3):
+        first, second = (c for axis, c in enumerate(BALL.center) if axis != d)
+        squared = (sub[:, None] - first) ** 2 + (sub - second) ** 2
+        for layer in (7, 10, 12, 15):
+            outside = squared > BALL.radius**2 - (layer / 24 - BALL.center[d]) ** 2
+            expected = outside.reshape(24, samples, 24, samples).mean(axis=(1, 3))
+            found = air.area[d].take(layer, axis=d)
+            cut = (found > 0.0) & (found < 1.0)
+            assert cut.any()
+            np.testing.assert_allclose(found[cut], expected[cut], atol=0.02)
+
+
+def test_oblique_planes_cut_squares_and_cubes_exactly():
+    """The corner that a plane cuts off a square or cube; its mirror image leaves the rest."""
+    for dim in (2, 3):
+        x = np.stack(np.meshgrid(*[[0.0, 1.0]] * dim, indexing="ij"))
+        slopes, cut = np.array([1.0, 0.8, 0.7])[:dim], 0.6
+        plane = cut - np.tensordot(
+            slopes, x, 1
+        )  # positive near the origin, up to less than 1 along each axis
+        volume = np.prod(cut / slopes) / (2.0 if dim == 2 else 6.0)
+        shares, totals = _integrate(np.stack([plane, -plane]))
+        np.testing.assert_allclose(shares, [volume, 1.0 - volume], rtol=1e-12)
+        beneath = volume * cut / (dim + 1)
+        np.testing.assert_allclose(totals, [beneath, beneath - plane.mean()], rtol=1e-12)
