@@ -123,14 +123,14 @@ class Simulation:
 
     def run(self, until: Number | None = None) -> None:
         """Advance to the time `until`, such as 2 [s] or "2 min", or to the end. Raises the errors of `step`."""
-        until = load_part(until, "until", si.Time | None)
+        end: float | None = load_part(until, "until", si.Time | None)
         least = SHORTEST * self.loop.dt
-        if until is not None and until < self.loop.t - least:
+        if end is not None and end < self.loop.t - least:
             raise InputError(
-                f"until: got {until:g} s; the time is {self.t:g} s already; use reset to start again"
+                f"until: got {end:g} s; the time is {self.t:g} s already; use reset to start again"
             )
         with self._turn():
-            while not self.finished and (until is None or self.loop.t < until - least):
+            while not self.finished and (end is None or self.loop.t < end - least):
                 self.loop.step()
             self._end_if_finished()
 
@@ -215,11 +215,11 @@ class Simulation:
 
         The function may look at the simulation and `change` it, but not step, run or reset it. Raises InputError.
         """
-        period = load_part(period, "every", si.Duration)
+        interval: float = load_part(period, "every", si.Duration)
         if not callable(function):
             raise InputError(f"every: got {shown(function)}; give a function that takes the simulation")
-        self._looks.append((period, function))
-        self._observe(period, function)
+        self._looks.append((interval, function))
+        self._observe(interval, function)
 
     def _observe(self, period: float, function: Callable[["Simulation"], object]) -> None:
         self.loop.observers.append(Every(period, lambda _: function(self), warm_up=True))
@@ -237,15 +237,17 @@ class Simulation:
         path, loop = as_path(path, "path"), self.loop
         if path.exists():
             raise InputError(f"{path}: exists already; choose another name, or remove it")
-        every = load_part(every, "every", si.Duration | None)
-        if every is not None and every < loop.dt * (1 - SHORTEST):
-            raise InputError(f"{path}: every: got {every} s; it must be at least a tick, {loop.dt:g} s")
+        interval: float | None = load_part(every, "every", si.Duration | None)
+        if interval is not None and interval < loop.dt * (1 - SHORTEST):
+            raise InputError(f"{path}: every: got {interval:g} s; it must be at least a tick, {loop.dt:g} s")
         table: Table
         if path.suffix == ".zarr":
-            table = Filming(loop, path, Fields(rate=2.0 if every is None else 1.0 / every, start=loop.t))
+            table = Filming(
+                loop, path, Fields(rate=2.0 if interval is None else 1.0 / interval, start=loop.t)
+            )
         elif path.suffix == ".parquet" and loop.swarm.count:
             table = RobotTable(loop, path)
-            table.period = table.period if every is None else every
+            table.period = table.period if interval is None else interval
         else:
             what = (
                 "the scenario has no robots" if path.suffix == ".parquet" else "must end in .zarr or .parquet"
