@@ -1,6 +1,6 @@
 """Command-line options that several commands share, and the types of options that take numbers."""
 
-from argparse import ArgumentTypeError, _ActionsContainer
+from argparse import ArgumentTypeError, Namespace, _ActionsContainer
 from collections.abc import Callable
 from math import inf, isfinite, nan
 from pathlib import Path
@@ -26,6 +26,7 @@ OPTIONS: dict[str, Keywords] = {
         "metavar": "PATH=VALUE",
         "help": "change any key, such as robots.0.count=3; may be repeated",
     },
+    "--duration": {"metavar": "S", "help": "seconds, instead of the scenario's"},
     "--no-recording": _FLAG | {"help": "write no recording.rrd"},
     "--no-report": _FLAG | {"help": "write no report.html"},
     "--quiet": _FLAG | {"help": "print errors only"},
@@ -42,6 +43,11 @@ def add(parser: _ActionsContainer, *names: str, **changes: Any) -> None:
     """Add the named OPTIONS to a parser. changes: keywords of `add_argument` that override those of each."""
     for name in names:
         parser.add_argument(name, **OPTIONS[name] | changes)
+
+
+def overrides_of(args: Namespace, *keys: str) -> list[str]:
+    """Return the changes of `--set` and those of the options that are named as keys of a scenario."""
+    return [*args.set, *(f"{key}={value}" for key in keys if (value := vars(args)[key]) is not None)]
 
 
 def flag(parser: _ActionsContainer, name: str, meaning: str) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.cli.options import add, flag, option
+from taichi_plume.cli.options import add, flag, option, overrides_of
 from taichi_plume.execution.signals import reader_may_leave
 from taichi_plume.guard.terminal import Parser, say
 
@@ -36,9 +36,7 @@ def _new(args: argparse.Namespace) -> int:
     """Check the scenario of a new run and, without --check, execute the run; return the exit code."""
     from taichi_plume.assembly.preparation import load
 
-    given = {"seed": args.seed, "duration": args.duration}
-    overrides = [*args.set, *(f"{key}={value}" for key, value in given.items() if value is not None)]
-    prepared = load(args.scenario, overrides, args.allow_outside)
+    prepared = load(args.scenario, overrides_of(args, "seed", "duration"), args.allow_outside)
     at_the_end = args.check and sys.stdout.isatty()  # after the output, where notes would scroll away
     for warning in () if args.quiet or at_the_end else prepared.resources.warnings:
         say(f"note: {warning}", error=True)
@@ -111,7 +109,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add(parser, "--out")
     add(parser, "--arch", default=None)  # with --resume: the device of the run
     option(parser, "--seed", str, "N", "instead of the scenario's")
-    option(parser, "--duration", str, "S", "seconds, instead of the scenario's")
+    add(parser, "--duration")
     add(parser, "--set")
     check = "only check: print the scenario, derived quantities, unlikely settings and the size, and draw the scene"
     flag(parser, "--check", check)

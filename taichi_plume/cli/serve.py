@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.cli.options import add, flag, option, whole_number
+from taichi_plume.cli.options import add, flag, option, overrides_of, whole_number
 from taichi_plume.cli.run import carry_out
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import Parser, say
@@ -49,7 +49,7 @@ def _serve(args: argparse.Namespace) -> int:
     from taichi_plume.assembly.preparation import load
     from taichi_plume.scenario.loading import ScenarioError
 
-    prepared = load(args.scenario, args.set, args.allow_outside)
+    prepared = load(args.scenario, overrides_of(args, "duration"), args.allow_outside)
     scenario = prepared.scenario
     if not any(group.algorithm.outside for group in scenario.robots):
         raise ScenarioError(
@@ -134,7 +134,17 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     option(parser, "--speed", str, "X", speed, default="1")
     flag(parser, "--wait", "start each tick when all robots have answered the previous one")
     flag(parser, "--at-once", "start without robots that have not connected yet")
-    add(parser, "--out", "--arch", "--set", "--no-recording", "--no-report", "--quiet", "--force")
+    add(
+        parser,
+        "--duration",
+        "--out",
+        "--arch",
+        "--set",
+        "--no-recording",
+        "--no-report",
+        "--quiet",
+        "--force",
+    )
     add(parser, "--allow-code", "--allow-outside", "--debug")
     args = parser.parse_args(argv)
     if args.speed != "max":

@@ -207,6 +207,7 @@ def test_a_token_is_asked_for(tmp_path):
         (["--wait", "--speed", "2"], "--speed 2 has no meaning with it"),
         (["--speed", "fast"], "--speed takes a number above 0 or max"),
         (["--speed", "nan"], "--speed takes a number above 0 or max"),
+        (["--duration", "-1"], "duration: got -1 s"),
         (["--set", "robots.0.algorithm={kind: casting}"], "no robot is driven from outside"),
         (["--set", f"robots=[{TWINS}]"], "have the same topics, the_team/..."),
     ],
