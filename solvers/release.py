@@ -3,9 +3,9 @@
 A small ball, anywhere in a cell, is released by a kernel (see `shares`) of one to two cells. A ball of radius R has the
 variance R²/(dim + 2) along an axis. If this exceeds the kernel's variance, each cell releases its part of the ball. The
 ball is narrowed along each axis by the variance that means over cells and interpolation add, so that the plume of a
-large source has the right width. The kernel also spreads the ball of a heater, and a ball whose centre lies in an
-obstacle, as its release has to reach the air around. The release stays in the air connected to the ball's own cells:
-behind a thin wall nothing appears.
+large source or steady heater has the right width. The kernel also spreads the ball of a heater that releases puffs, and
+a ball whose centre lies in an obstacle, as its release has to reach the air around. The release stays in the air
+connected to the ball's own cells: behind a thin wall nothing appears.
 """
 
 from collections.abc import Sequence
@@ -103,8 +103,7 @@ SAMPLES = 4  # samples per axis, to measure a ball's fraction of a cell
 class Release:
     """Release of vapour or heat from balls into cells. `set_amounts` sets the next release, `adding` returns its pass.
 
-    balls: cells (n, dim) of each ball and the share of the release (n,) per cell. blurred: whether the kernel spreads
-    balls of any radius, which lets the puffs of heaters (see `heat`) stir a cell's width around their ball.
+    balls: cells (n, dim) of each ball and the share of the release (n,) per cell.
     """
 
     STATE = ()
@@ -116,10 +115,9 @@ class Release:
         grid: Grid,
         air: Air,
         room: np.ndarray,
-        blurred: bool = False,
     ):
         """name: of the balls in messages; room: air fraction of each cell (grid.shape). The owner calls `begin`."""
-        self.name, self.grid, self.room, self.blurred = name, grid, room, blurred
+        self.name, self.grid, self.room = name, grid, room
         self._area = air.area
         self._amounts: list[float] = []
         # cells that the balls may touch
@@ -136,13 +134,17 @@ class Release:
         self._put_shares = uploader(self._share)
         self._put_amounts = uploader(self._amount)
 
-    def begin(self, balls: Sequence[Source | Heater]) -> None:
-        """Place the balls, whose radii must not change. Raises ValueError for a ball that covers no air."""
+    def begin(self, balls: Sequence[Source | Heater], blurred: bool = False) -> None:
+        """Place the balls, whose radii must not change. Raises ValueError for a ball that covers no air.
+
+        blurred: whether the kernel spreads balls of any radius, which lets the puffs of heaters (see `heat`) stir a
+        cell's width around their ball.
+        """
         cell, owner = (np.zeros((*self._cell.shape, n)) for n in (self.grid.dim, 1))
         self.balls: list[tuple[np.ndarray, np.ndarray]] = []
         count = 0
         for n, ball in enumerate(balls):
-            where, part = self._cells_of(f"{self.name}[{n}]", ball)
+            where, part = self._cells_of(f"{self.name}[{n}]", ball, blurred)
             these = slice(count, count + len(where))
             cell[these] = where + self.grid.ghost
             self.balls.append((where, part))
@@ -164,7 +166,7 @@ class Release:
         """Return how many cells a ball around a cell's centre touches on either side along an axis."""
         return max(0, ceil(ball.radius / self.grid.dx - 0.5))
 
-    def _cells_of(self, path: str, ball: Source | Heater) -> tuple[np.ndarray, np.ndarray]:
+    def _cells_of(self, path: str, ball: Source | Heater, blurred: bool) -> tuple[np.ndarray, np.ndarray]:
         """Return a ball's cells (n, dim) and their shares (n,) of the release. Raises ValueError without air."""
         radius, half = ball.radius / self.grid.dx, self._half(ball)  # here lengths are in cells
         place = np.array(ball.position) / self.grid.dx - 0.5  # from the centre of the first cell
@@ -176,11 +178,11 @@ class Release:
         first = [max(-half, -b - REACH - 1) for b in base]
         last = [min(half, n - b + REACH - 1) for b, n in zip(base, self.grid.shape, strict=True)]
         blocks = [np.arange(a, b + 1) for a, b in zip(first, last, strict=True)]
-        if in_air and not self.blurred and radius**2 > (self.grid.dim + 2) * VARIANCE:
+        if in_air and not blurred and radius**2 > (self.grid.dim + 2) * VARIANCE:
             narrower = np.sqrt(radius**2 - (self.grid.dim + 2) * (CELL + f * (1.0 - f)))
             share = _even_ball(narrower, [np.arange(n[0] - REACH, n[-1] + REACH + 2) for n in blocks], f)
         else:
-            within = np.full(place.shape, 0.0 if in_air and not self.blurred else radius)
+            within = np.full(place.shape, 0.0 if in_air and not blurred else radius)
             share = spread(_even_ball(within, blocks, np.zeros(place.shape)), f)
         every, axes = np.count_nonzero(share), []
         for axis, n in enumerate(self.grid.shape):

@@ -4,13 +4,19 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from rooms import afresh, cfd, flow_in
+from rooms import afresh, cfd, eulerian, flow_in
 
+from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.gas import EulerianSolver
+from taichi_plume.solvers.heat import HeatSolver
+from taichi_plume.solvers.momentum import BuoyantScalar
+from taichi_plume.solvers.prescribed_wind import PrescribedWind
+from taichi_plume.solvers.transport import Scalar
 
 pytestmark = pytest.mark.usefixtures("taichi")
 DX = 0.05
@@ -127,3 +133,56 @@ def test_a_puff_lasts_as_long_as_air_takes_to_rise_through_the_heater(warm_box, 
     for t, number in ((0.0, 0), (min(2.9 * lasts, 1e6), 0), (min(3.1 * lasts, 1e7), int(power != 0))):
         puffs.advance(t)
         assert puffs._numbers == [number]
+
+
+PLACES = ((0.3, 0.35), (0.325, 0.35), (0.307, 0.361))
+
+
+@pytest.mark.parametrize("radius", [0.03, 0.08, 0.12, 0.2])
+@pytest.mark.parametrize("shape", [(14, 14), pytest.param((14, 14, 13), marks=pytest.mark.slow)])
+def test_steady_heat_is_as_wide_as_the_ball_or_as_the_kernel_if_that_is_wider(warm_box, shape, radius):
+    """The variance along an axis is R²/4 of a disc and R²/5 of a ball, at least 5/6 cells²."""
+    dim = len(shape)
+    expected = max(radius**2 / (dim + 2), 5.0 / 6.0 * DX**2)
+    for place in PLACES:
+        where = np.array([*place, 0.3][:dim])
+        heater = {"position": tuple(where), "radius": radius, "power": 30.0}
+        heat = HeatSolver(
+            warm_wind(dim, heaters=[heater], unsteadiness=0.0).buoyancy.heat,
+            grid := Grid(shape, DX, depth=0.4),
+            PrescribedWind(np.zeros_like, grid),
+            [],
+            Air.everywhere(grid),
+        )
+        cells, share = heat.release.balls[0]
+        f = (where / DX - 0.5) % 1.0  # linear interpolation adds f (1 - f)
+        found = share @ ((cells + 0.5) * DX - where) ** 2 + f * (1.0 - f) * DX**2
+        np.testing.assert_allclose(found, expected, rtol=0.09)  # four samples per cell and axis make a disc
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("radius", [0.05, 0.1])
+def test_a_heater_drives_the_wind_of_a_gas_of_the_same_buoyancy(radius):
+    where, shape = (0.31, 0.29), (12, 16)
+    still = {"gravity": (0.0, -9.81)}
+    heater = {"position": where, "radius": radius, "power": 30.0}
+    heat = {"heaters": [heater], "diffusivity": 2e-5}
+    warm = flow_in(
+        Grid(shape, DX, depth=0.4), cfd(turbulence={"kind": "none"}, buoyancy=still | {"heat": heat})
+    )
+    grid = Grid(shape, DX, depth=0.4)
+    lift = 30.0 / 1191.0 / 298.15  # m³/s: beta P/(rho c_p)
+    species = {"molar_mass": 0.046, "diffusivity": 2e-5}
+    weight = eulerian(where, 1.0, radius=radius, species=species).vapour.weight_per_density
+    model = eulerian(where, lift / weight, radius=radius, species=species)
+    scalar = Scalar(grid)
+    heavy = BuoyantScalar(scalar.q, weight)
+    salt = flow_in(grid, cfd(turbulence={"kind": "none"}, buoyancy=still), weighing=[heavy])
+    gas = EulerianSolver(model, grid, salt, Air.everywhere(grid), scalar=scalar)
+    for k in range(40):
+        warm.advance(0.02 * k, 0.02)
+        salt.advance(0.02 * k, 0.02)
+        gas.advance(0.02 * k, 0.02)
+    up, down = (flow.grid.read(flow.u[1]).astype(float) for flow in (warm, salt))
+    assert np.abs(down).max() > 0.005
+    np.testing.assert_allclose(up, -down, atol=0.07 * np.abs(down).max())  # their convection schemes differ
