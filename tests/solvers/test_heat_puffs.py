@@ -10,6 +10,7 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.state import State
+from taichi_plume.scenario.heat import Heat
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.gas import EulerianSolver
@@ -148,7 +149,7 @@ def test_steady_heat_is_as_wide_as_the_ball_or_as_the_kernel_if_that_is_wider(wa
         where = np.array([*place, 0.3][:dim])
         heater = {"position": tuple(where), "radius": radius, "power": 30.0}
         heat = HeatSolver(
-            warm_wind(dim, heaters=[heater], unsteadiness=0.0).buoyancy.heat,
+            Heat.model_validate({"heaters": [heater], "unsteadiness": 0.0}),
             grid := Grid(shape, DX, depth=0.4),
             PrescribedWind(np.zeros_like, grid),
             [],
