@@ -36,6 +36,7 @@ CHECKED = {
     "files/bundled.py: example": "a file of the package",
     "report/html.py: write": "a file of the package",
     "guard/sandbox.py: _confine": "/proc",
+    "execution/result.py: _processor": "/proc",
     "studies/workers.py: cores": "/sys",
     "files/disk.py: written_whole": "a file that it has created",
     "files/disk.py: remove": "a folder",

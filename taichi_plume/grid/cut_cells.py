@@ -236,8 +236,11 @@ def _positive(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     corners = values.shape[1]
     share, total = (count == corners).astype(float), np.zeros(len(values))
     total[count == corners] = sorted_values[count == corners].mean(axis=1)
-    one, but_one = count == 1, (count == corners - 1) & (corners > 2)
-    for part, sign in ((one, 1.0), (but_one, -1.0)):  # the corner that differs in sign cuts off a simplex
+    single, all_but_single = count == 1, (count == corners - 1) & (corners > 2)
+    for part, sign in (
+        (single, 1.0),
+        (all_but_single, -1.0),
+    ):  # the corner that differs in sign cuts off a simplex
         v = sign * sorted_values[part]
         tip, base = (v[:, -1:], v[:, :-1]) if sign > 0.0 else (v[:, :1], v[:, 1:])
         cut = (tip / (tip - base)).prod(axis=1)
@@ -247,12 +250,8 @@ def _positive(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if corners == 4:
         two = count == 2
         d, c, b, a = sorted_values[two].T  # a and b are positive
-        ad, ac, bd, bc = (
-            a / (a - d),
-            a / (a - c),
-            b / (b - d),
-            b / (b - c),
-        )  # where the surface cuts the edges
+        # where the surface cuts the edges
+        ad, ac, bd, bc = a / (a - d), a / (a - c), b / (b - d), b / (b - c)
         first, second, third = ad * ac, (1.0 - ad) * ac * bd, (1.0 - ac) * bd * bc  # tetrahedra of the wedge
         share[two] = first + second + third
         total[two] = (first * (a + b) + (second + third) * b) / 4.0
