@@ -66,8 +66,11 @@ async def _serve(args: argparse.Namespace, workplace) -> None:
         await ended.wait()
     finally:
         service.stop()
-        if workplace.draft.exists():
-            say(f"note: unsaved changes are kept in {workplace.draft.name}", error=True)
+        workplace.keep_draft()
+        for file in workplace.drafts.files:
+            say(f"note: unsaved changes are kept in {file.name}", error=True)
+        if workplace.drafts.fault:
+            say(f"warning: {workplace.drafts.fault}; they are lost", error=True)
 
 
 def _asked(service: "Service", number: int, ended: asyncio.Event) -> None:

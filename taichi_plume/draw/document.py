@@ -13,7 +13,7 @@ from typing import Any
 import yaml
 
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.guard.yaml_text import LineError, parse
+from taichi_plume.guard.yaml_text import LARGEST_FILE, LineError, parse
 from taichi_plume.scenario.changes import Data, changed, path_of, steps_of
 
 Steps = Sequence[str]
@@ -27,6 +27,10 @@ class EditError(InputError):
 @lru_cache(8)
 def data_of(text: str) -> Data:
     """Return keys and values of a YAML text, not to be changed; of an empty text, none. Raises LineError."""
+    if len(text.encode("utf-8", "surrogatepass")) > LARGEST_FILE:
+        raise LineError(
+            f"the text is larger than {LARGEST_FILE >> 20} MiB, the most that a scenario may have"
+        )
     data = parse(text)
     if data is None:
         return {}

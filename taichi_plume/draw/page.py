@@ -26,6 +26,7 @@ from bokeh.models import (
 from taichi_plume.draw import edits
 from taichi_plume.draw.canvas import UNLIKELY, WRONG, Canvas
 from taichi_plume.draw.checks import Remark
+from taichi_plume.draw.drafts import Draft
 from taichi_plume.draw.form_panel import FormPanel
 from taichi_plume.draw.pointer import STEPS, Pointer
 from taichi_plume.draw.run_panel import RunPanel
@@ -85,6 +86,8 @@ class Page(Pointer):
         self.chosen, self.scene = "", workplace.scene
         self._due: list[Callable[[], None]] = []
         self.asked: Callable[[], None] | None = None
+        self._left: Draft | None = None  # the draft that the standing question is about
+        self._said = workplace.drafts.unreadable
         self.canvases = {ABOVE: Canvas(ABOVE), SIDE: Canvas(SIDE)}
         self.form = FormPanel(self.put, self.choose, self.say)
         self.runs = RunPanel(workplace, self.ask, self.say, self.look)
@@ -265,6 +268,7 @@ class Page(Pointer):
         self._show_remarks()
         self.form.show(self.scene, self.chosen, self.shown_remarks)
         self._banner()
+        self.say(self._said)
         self.look()
 
     @property
@@ -316,11 +320,18 @@ class Page(Pointer):
         return escape(" · ".join([findings.amounts, *derived]))
 
     def _banner(self) -> None:
-        if self.asked is None and self.workplace.recovered is not None:
-            words = (
-                f"Unsaved changes of {self.workplace.file.name} were left by an earlier session. Take them?"
-            )
-            self.ask(words, lambda: self.workplace.restore(True), lambda: self.workplace.restore(False))
+        """Ask about a draft that was left, unless another question stands; forget a question answered elsewhere."""
+        work = self.workplace
+        if self._left is not None and self._left not in work.drafts.waiting:
+            self._left, self.asked, self.question.visible = None, None, False
+        if self.asked is not None or work.recovered is None:
+            return
+        draft = work.recovered
+        words = f"Unsaved changes of {work.file.name} were left by an earlier session. Take them?"
+        if work.history.can_undo:
+            words += " Undo returns to the present text."
+        self.ask(words, lambda: work.restore(draft, True), lambda: work.restore(draft, False))
+        self._left = draft
 
     # ---------------------------------------------------------------- page → text
 
@@ -333,13 +344,14 @@ class Page(Pointer):
         self._catch_up()
 
     def say(self, words: str) -> None:
-        """Show a message above the drawing; "": none."""
-        self.message.text = escape(words)
+        """Show a message above the drawing; "": none. A draft that cannot be written is always mentioned."""
+        self._said = words
+        self.message.text = escape("; ".join(filter(None, (words, self.workplace.drafts.fault))))
 
     def ask(self, words: str, yes: Callable[[], Any], no: Callable[[], Any] = lambda: None) -> None:
         """Ask a question above the drawing; carry out one of two functions by the answer."""
         self.banner.text = escape(words)
-        self.asked, self.declined = yes, no
+        self.asked, self.declined, self._left = yes, no, None
         self.question.visible = True
 
     def _yes(self) -> None:

@@ -128,6 +128,7 @@ class Service:
     async def _tick(self) -> None:
         work = self.workplace
         work.watch()
+        work.retry_draft()
         if self._checking or work.checked == work.text:
             return
         self._checking = True

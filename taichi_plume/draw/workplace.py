@@ -2,11 +2,11 @@
 
 import os
 from collections.abc import Callable, Collection
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from taichi_plume.draw.checks import Findings, check
+from taichi_plume.draw.drafts import Draft, Drafts
 from taichi_plume.draw.edits import BLANK
 from taichi_plume.draw.history import History
 from taichi_plume.draw.objects import Scene, scene, stamps
@@ -15,7 +15,7 @@ from taichi_plume.files.disk import written_whole
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import inside
 from taichi_plume.guard.terminal import visible
-from taichi_plume.guard.yaml_text import LineError, read_text
+from taichi_plume.guard.yaml_text import LARGEST_FILE, LineError, read_text
 
 ENDINGS = (".yaml", ".yml")
 
@@ -36,7 +36,7 @@ class Workplace:
 
     root: folder in which files are read and written; file: YAML file of the text, which need not exist yet;
     allow_outside, allow_code: permissions of the command line, for runs too. Unsaved changes are written at once to a
-    draft beside the file: a server that is killed loses nothing. Raises InputError.
+    draft beside the file (see `drafts`): a server that is killed loses nothing. Raises InputError.
     """
 
     def __init__(
@@ -46,7 +46,9 @@ class Workplace:
         self.file = self._permitted(file if file is not None else self._free_name())
         self.on_disk = self._read()
         self.history = History(BLANK if self.on_disk is None else self.on_disk)
-        self.recovered = self._read_draft()
+        self.drafts = Drafts(self.file)
+        for draft in [draft for draft in self.drafts.waiting if draft.text == self.text]:
+            self.drafts.refuse(draft)  # saved just before a server was killed
         self.runs = Runs(self.root, allow_outside)
         self.listeners: list[Callable[[], None]] = []  # of changes of text and findings
         self.watchers: list[Callable[[], None]] = []  # of changes of the runs
@@ -118,9 +120,15 @@ class Workplace:
 
     def _write(self, file: Path, replace: bool = True) -> None:
         """Write the text to a file, which becomes that of the text. Raises InputError."""
+        content = self.text.encode("utf-8")
+        if len(content) > LARGEST_FILE:  # it could not be opened again
+            raise InputError(
+                f"{file.name}: cannot be written: the text has {len(content) / (1 << 20):.1f} MiB; at most "
+                f"{LARGEST_FILE >> 20} MiB"
+            )
         try:
             with written_whole(file, replace=replace) as fresh:
-                fresh.write_bytes(self.text.encode("utf-8"))
+                fresh.write_bytes(content)
         except FileExistsError:
             raise InputError(f"{file.name}: exists already; choose another name") from None
         except OSError as error:
@@ -130,9 +138,7 @@ class Workplace:
 
     def save_as(self, name: str) -> None:
         """Give the text another file in the folder, and write it. Raises InputError; the text keeps its file then."""
-        draft = self.draft
         self._write(self._permitted(self.folder / name), replace=False)
-        draft.unlink(missing_ok=True)
 
     @property
     def changed_on_disk(self) -> bool:
@@ -147,11 +153,20 @@ class Workplace:
             self.history.put(self.on_disk)
         self._changed()
 
-    def restore(self, draft: bool) -> None:
-        """Take the text of a draft that a killed server left, or remove that draft."""
-        text, self.recovered = self.recovered, None
-        if draft and text is not None:
-            self.history.put(text)
+    @property
+    def recovered(self) -> Draft | None:
+        """Newest draft that a killed server left and that nobody has been asked about; None without such a draft."""
+        return self.drafts.waiting[-1] if self.drafts.waiting else None
+
+    def restore(self, draft: Draft | None, take: bool) -> None:
+        """Take the text of a draft that a killed server left, or remove that draft; once."""
+        if draft is None or draft not in self.drafts.waiting:  # answered on another page
+            return
+        if not take:
+            self.drafts.refuse(draft)
+        elif draft.text is not None:
+            self.drafts.take(draft)
+            self.history.put(draft.text)
         self._changed()
 
     def run(self, text: str, agreed: Collection[str] = ()) -> Run:
@@ -173,10 +188,19 @@ class Workplace:
             self.checked, self.findings = text, findings
             self._notify()
 
-    @property
-    def draft(self) -> Path:
-        """File of unsaved changes, beside the text's file."""
-        return self.file.with_name(f".{self.file.name}.draft")
+    def keep_draft(self) -> None:
+        """Write the draft of the text, or remove the draft if nothing has changed; `drafts.fault` reports failures."""
+        if self.text == (BLANK if self.on_disk is None else self.on_disk):
+            self.drafts.drop()
+        else:
+            self.drafts.keep(self.file, self.text)
+
+    def retry_draft(self) -> None:
+        """Write the draft again if this has failed, and tell the pages once it has succeeded."""
+        if self.drafts.fault:
+            self.keep_draft()
+            if not self.drafts.fault:
+                self._notify()
 
     # ---------------------------------------------------------------- files
 
@@ -208,21 +232,8 @@ class Workplace:
         except (LineError, OSError) as fault:
             raise InputError(f"{self.file.name}: {fault}") from None
 
-    def _read_draft(self) -> str | None:
-        try:
-            draft = read_text(self.draft) if self.draft.is_file() else None
-        except (LineError, OSError):
-            return None
-        return None if draft == self.text else draft
-
     def _changed(self) -> None:
-        with suppress(OSError):  # the text is in the pages all the same
-            if self.recovered is None:
-                if self.saved:
-                    self.draft.unlink(missing_ok=True)
-                else:
-                    with written_whole(self.draft) as fresh:  # a kill while writing leaves the earlier draft
-                        fresh.write_bytes(self.text.encode("utf-8"))
+        self.keep_draft()
         self._notify()
 
     def watch(self) -> None:

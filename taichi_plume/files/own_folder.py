@@ -23,21 +23,22 @@ class FolderLock:
     """Lock file of a folder, which keeps other processes out until `release`, or until this process ends.
 
     require: raises if the folder must not be used; called before the lock file is created, and again under the lock.
+    name: of the lock file, for a lock on files of the folder instead of the folder.
     Raises filelock.Timeout if another process holds the lock, and OSError, ValueError or NotImplementedError if a lock
     is impossible.
     """
 
-    def __init__(self, folder: Path, require: Callable[[], object]):
+    def __init__(self, folder: Path, require: Callable[[], object] = lambda: None, name: str = LOCK):
         import filelock  # 0.04 s, for commands that write
 
-        self.path = folder / LOCK
+        self.path = folder / name
         with tempfile.TemporaryFile(dir=folder):
             pass  # fail now rather than after minutes of compiling; FileLock would report another holder
         self.made = not os.path.lexists(self.path)
         if self.made:
             require()
         elif not _is_lock(self.path):
-            raise OSError(f"{LOCK} is no lock of a run or study, but another file or a link")
+            raise OSError(f"{name} is no lock file, but another file or a link")
         self._lock = filelock.FileLock(self.path, timeout=0)
         self._lock.acquire()
         try:

@@ -1,6 +1,7 @@
 """The page without a browser: its views are always those of a fresh page on the same text; two tabs are alike."""
 
 from hashlib import sha256
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_document import ROOT
 from test_edits import DRAGS, QUIET, points
+from test_workplace import killed
 
 from taichi_plume.draw import edits, workplace
 from taichi_plume.draw.page import Page
@@ -503,11 +505,24 @@ def test_the_picture_of_a_run_lies_under_the_objects(page):
 def test_the_answer_to_a_question_about_a_draft(tmp_path):
     place, page = opened(tmp_path)
     page._typed(ROOM + "# mine\n")
+    killed(place)
     again = Workplace(tmp_path, place.file)
-    other = Page(Tab(), again)
-    assert "Take them?" in other.banner.text
-    other._yes()
+    first, second = Page(Tab(), again), Page(Tab(), again)
+    assert "Take them?" in first.banner.text
+    assert second.question.visible
+    first._yes()
     assert again.text == ROOM + "# mine\n"
+    assert not second.question.visible, "a question is answered on one page for all"
+
+
+def test_a_draft_that_cannot_be_written_is_mentioned_until_it_can(page, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr("taichi_plume.draw.drafts.Draft.write", lambda *_: Path("/nowhere/x").write_bytes(b""))
+        page._typed(ROOM + "# mine\n")
+        page.say("")
+        assert "draft: No such file" in page.message.text
+    page.workplace.retry_draft()
+    assert page.message.text == ""
 
 
 moves = st.lists(
@@ -541,7 +556,6 @@ def live_through(folder, name, sequence):
             getattr(page, kind)()
         assert page.text.value_input == place.text
     fresh = Page(Tab(), Workplace(folder, place.file))
-    fresh.workplace.recovered = None
     fresh.workplace.put(place.text)
     fresh.choose(page.chosen)
     page.choose(page.chosen)

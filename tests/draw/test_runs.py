@@ -157,7 +157,7 @@ def test_a_run_outlives_a_server_that_is_killed(tmp_path):
     folder = tmp_path / "runs" / "small-1"
     until((folder / "manifest.json").exists)
     assert '"completed"' in (folder / "result.json").read_text()
-    assert Workplace(tmp_path, tmp_path / "small.yaml").recovered.endswith("# mine\n")
+    assert Workplace(tmp_path, tmp_path / "small.yaml").recovered.text.endswith("# mine\n")
 
 
 def test_a_run_is_not_written_through_links(tmp_path, monkeypatch):

@@ -1,6 +1,9 @@
 """State of a session: nothing that was drawn is lost, and no file of another program is overwritten."""
 
+import errno
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -112,13 +115,19 @@ def linked(place, name: str) -> Path:
     return victim
 
 
-@pytest.mark.parametrize("name", [".room.yaml.draft", ".room.yaml.new", ".room.yaml.draft.new"])
-def test_a_draft_is_not_written_through_a_link(place, name):
-    victim = linked(place, name)
+@pytest.mark.parametrize("end", ["draft", "lock"])
+def test_a_draft_is_not_written_through_a_link(place, monkeypatch, end):
+    monkeypatch.setattr("taichi_plume.draw.drafts.token_hex", lambda _: "0123abcd")
+    victim = linked(place, f".room.yaml.0123abcd.{end}")
     place.put(edited(place))
     assert victim.read_text() == "mine"
-    assert place.draft.read_text() == place.text
-    assert not place.draft.is_symlink()
+    draft = place.folder / ".room.yaml.0123abcd.draft"
+    if end == "lock":
+        assert "0123abcd.lock" in place.drafts.fault
+        assert not draft.exists()
+    else:
+        assert draft.read_text() == place.text
+        assert not draft.is_symlink()
 
 
 def test_a_file_is_not_written_through_a_link(place):
@@ -144,34 +153,171 @@ def test_another_name_that_another_program_takes_meanwhile_is_not_overwritten(pl
     assert [file.name for file in place.folder.iterdir() if file.suffix == ".part"] == []
 
 
+def killed(place: Workplace) -> None:
+    """What the system does to a killed server: nothing is called, and its locks are free."""
+    drafts = place.drafts
+    for draft in filter(None, [drafts.own, *drafts.waiting, *drafts._earlier]):
+        draft.release()
+
+
+def offered(folder: Path) -> list[str]:
+    """Texts that the next server offers, the first first; all are refused but in the files."""
+    place = Workplace(folder, folder / "room.yaml")
+    texts = [draft.text for draft in reversed(place.drafts.waiting)]
+    killed(place)
+    return texts
+
+
+def hidden(folder: Path) -> list[str]:
+    return [file.name for file in folder.iterdir() if file.name.startswith(".")]
+
+
 def test_unsaved_changes_survive_a_killed_server(place, tmp_path):
     place.put(edited(place))
-    again = Workplace(tmp_path, place.file)  # the first one has been killed: nothing else was called
+    killed(place)
+    again = Workplace(tmp_path, place.file)
     assert again.text == ROOM
-    assert again.recovered == place.text
-    again.restore(True)
+    assert again.recovered.text == place.text
+    again.restore(again.recovered, True)
     assert again.text == place.text
     again.undo()
     assert again.text == ROOM
     again.redo()
     again.save()
-    assert not again.draft.exists()
+    assert hidden(tmp_path) == []
     assert Workplace(tmp_path, place.file).recovered is None
 
 
-def test_a_draft_that_is_not_wanted_goes(place, tmp_path):
-    place.put(edited(place))
-    again = Workplace(tmp_path, place.file)
-    again.restore(False)
-    assert again.text == ROOM
-    assert not again.draft.exists()
+SERVER = """
+import sys, time
+from pathlib import Path
+from taichi_plume.draw.workplace import Workplace
+place = Workplace(Path.cwd(), Path("room.yaml"))
+for move in sys.argv[1:]:
+    if move in ("yes", "no"):
+        place.restore(place.recovered, move == "yes")
+    elif move == "save":
+        place.save()
+    else:
+        place.put(place.text + f"# {move}\\n")
+print("ready", flush=True)
+time.sleep(600)
+"""
 
 
-def test_a_draft_is_kept_until_the_question_about_it_is_answered(place, tmp_path):
+def served_until_killed(folder: Path, *moves: str) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", SERVER, *moves], cwd=folder, stdout=subprocess.PIPE, text=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    try:
+        assert process.stdout.readline() == "ready\n"
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_a_server_killed_at_any_answer_loses_no_text(place, tmp_path):
+    """By SIGKILL of processes: edits, edits while the question stands, both answers, and edits after these."""
+    first, second, third = (f"{ROOM}# {n}\n" for n in ("first", "second", "third"))
+    served_until_killed(tmp_path, "first")
+    assert offered(tmp_path) == [first]
+    served_until_killed(tmp_path)
+    assert offered(tmp_path) == [first], "an unanswered question stands again"
+    served_until_killed(tmp_path, "second")
+    assert offered(tmp_path) == [second, first], "edits while the question stands"
+    served_until_killed(tmp_path, "third", "yes")
+    assert sorted(offered(tmp_path)) == sorted([third, second, first]), "also the text that was replaced"
+    served_until_killed(tmp_path, "no")
+    assert len(offered(tmp_path)) == 2, "a refused draft goes, and no other"
+    served_until_killed(tmp_path, "yes", "fourth", "save")
+    assert place._read().endswith("# fourth\n")
+    assert len(offered(tmp_path)) == 1
+
+
+def test_the_draft_of_a_server_that_is_alive_is_neither_offered_nor_removed(place, tmp_path):
     place.put(edited(place))
+    other = Workplace(tmp_path, place.file)
+    assert other.recovered is None
+    other.put(ROOM + "# other\n")
+    other.undo()
+    assert place.drafts.own.path.read_text() == place.text
+    other.redo()
+    killed(other)
+    assert offered(tmp_path) == [ROOM + "# other\n"]
+    killed(place)
+    assert sorted(offered(tmp_path)) == sorted([ROOM + "# other\n", place.text])
+
+
+def test_one_server_alone_is_asked_about_a_draft(place, tmp_path):
+    place.put(edited(place))
+    killed(place)
+    asked, other = Workplace(tmp_path, place.file), Workplace(tmp_path, place.file)
+    assert other.recovered is None
+    draft = asked.recovered
+    asked.restore(draft, False)
+    asked.restore(draft, True)  # of a page on which the question still stands
+    assert asked.text == ROOM
+    assert hidden(tmp_path) == []
+
+
+@pytest.mark.parametrize("size", [5_000_000, 20_000_000])
+def test_a_text_that_is_too_large_for_a_scenario_is_offered_again(place, tmp_path, size):
+    text = f"{ROOM}#{'x' * size}\n"
+    place.put(text)
+    with pytest.raises(InputError, match="at most 4 MiB"):
+        place.save()
+    assert place.file.read_text() == ROOM
+    _, findings = place.check()
+    assert "4 MiB" in findings.remarks[0].line
+    killed(place)
+    assert offered(tmp_path) == [text]
+
+
+def test_a_draft_that_cannot_be_written_is_reported_and_written_later(place, tmp_path, monkeypatch):
+    def full(path):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+    faults = []
+    place.listeners.append(lambda: faults.append(place.drafts.fault))
+    with monkeypatch.context() as patch:
+        patch.setattr("taichi_plume.files.disk.new_beside", full)
+        place.put(edited(place))
+        assert os.strerror(errno.ENOSPC) in faults[-1]
+        place.retry_draft()
+        assert place.drafts.fault
+    place.retry_draft()
+    assert faults[-1] == ""
+    killed(place)
+    assert offered(tmp_path) == [place.text]
+
+
+def test_a_draft_that_cannot_be_read_is_reported_and_stays(place, tmp_path):
+    for key, content in (("00000001", b"\xff"), ("00000002", ROOM.encode())):
+        (tmp_path / f".room.yaml.{key}.draft").write_bytes(content)
+    (tmp_path / ".room.yaml.00000003.draft").symlink_to("secret")
     again = Workplace(tmp_path, place.file)
-    again.put(ROOM + "# more\n")
-    assert again.draft.read_text() == place.text
+    assert again.recovered is None, "the second one has the file's text"
+    assert ".room.yaml.0000000" in again.drafts.unreadable
+    assert [name for name in sorted(hidden(tmp_path)) if name.endswith("draft")] == [
+        ".room.yaml.00000001.draft", ".room.yaml.00000003.draft",
+    ]  # fmt: skip
+
+
+def test_a_prepared_link_at_a_lock_is_not_written_through(place, tmp_path):
+    (tmp_path / "victim").write_text("mine")
+    (tmp_path / ".room.yaml.00000001.draft").write_text("text")
+    (tmp_path / ".room.yaml.00000001.lock").symlink_to("victim")
+    assert "cannot be locked" in Workplace(tmp_path, place.file).drafts.unreadable
+    assert (tmp_path / "victim").read_text() == "mine"
+
+
+def test_what_a_kill_left_of_a_first_draft_goes(place, tmp_path):
+    (tmp_path / ".room.yaml.0123abcd.lock").touch()
+    (tmp_path / "..room.yaml.0123abcd.draft.00000000.part").write_text("ha")
+    (tmp_path / ".room.yaml.old.lock").touch()
+    Workplace(tmp_path, place.file)
+    assert hidden(tmp_path) == [".room.yaml.old.lock"]
 
 
 def test_another_name_is_taken_if_it_is_free_and_inside(place, tmp_path):
@@ -179,6 +325,7 @@ def test_another_name_is_taken_if_it_is_free_and_inside(place, tmp_path):
     place.save_as("other.yaml")
     assert (tmp_path / "other.yaml").read_text() == place.text
     assert place.saved
+    assert hidden(tmp_path) == []
     for name in ("room.yaml", "../x.yaml", "notes.txt", "/tmp/x.yaml"):
         with pytest.raises(InputError):
             place.save_as(name)
@@ -198,10 +345,11 @@ def test_another_name_is_of_the_same_folder(tmp_path):
 )
 def test_a_name_that_cannot_be_written_leaves_file_and_draft(place, name):
     place.put(edited(place))
-    before = place.file, place.on_disk, place.draft.read_text()
+    draft = place.drafts.own.path
+    before = place.file, place.on_disk, draft.read_text()
     with pytest.raises(InputError):
         place.save_as(name)
-    assert (place.file, place.on_disk, place.draft.read_text()) == before
+    assert (place.file, place.on_disk, draft.read_text()) == before
     place.save()
     assert place.saved
 
@@ -238,4 +386,5 @@ def test_findings_of_an_earlier_text_are_not_taken(place):
 
 
 def test_the_draft_stands_beside_the_file(place):
-    assert place.draft == Path(place.folder / ".room.yaml.draft")
+    place.put(edited(place))
+    assert place.drafts.own.path.parent == place.folder
