@@ -51,6 +51,17 @@ class Body(Part):
             *([Outline(way, False)] if len(way) else []),
         ]
 
+    @property
+    def walks(self) -> bool:
+        """Whether the obstacle moves along a path."""
+        return self.model.motion is not None
+
+    def outline_at(self, t: float, plane: Plane) -> Outline:
+        """Return the outline of a walking obstacle at time t [s] of a run."""
+        shift = np.zeros(3)
+        shift[:2] = np.subtract(self.model.motion.place(self.model.center, t), self.model.center[:2])
+        return Outline(self.outlines(plane)[0].points + shift[list(plane)])
+
     def _way(self, plane: Plane) -> np.ndarray:
         motion = self.model.motion
         if motion is None or plane != ABOVE:

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from bokeh.core.property.descriptors import UnsetValueError
 from bokeh.core.property.vectorization import value
-from bokeh.models import ColumnDataSource, Range1d, WheelZoomTool
+from bokeh.models import ColumnDataSource, Label, Range1d, WheelZoomTool
 from bokeh.plotting import figure
 
-from taichi_plume.draw.objects import Scene, Thing
+from taichi_plume.draw.bodies import Body
+from taichi_plume.draw.objects import Scene, Thing, read
 from taichi_plume.draw.parts import Plane, Point, Rectangle
 from taichi_plume.execution.watch_file import Sight
 from taichi_plume.record.drawing import Scale
@@ -25,6 +26,7 @@ LABELS = 2.0  # pixels by which the figure's inner part may change without being
 ARROW = 0.05  # of the longer side: an arrow of the fastest wind
 FONT = "Helvetica, Arial, sans-serif"
 CHOSEN, WRONG, UNLIKELY = "#0b6bcb", theme.ERROR, theme.UNLIKELY
+AT_START = 0.15  # opacity of a walker's start while the walker of a run is drawn
 SHAPES = ("xs", "ys", "color", "alpha", "edge", "width", "path")
 
 
@@ -45,7 +47,8 @@ class Canvas:
         self.figure.toolbar.active_drag = None
         self.room: tuple[float, ...] | None = None
         self._fitted = USUAL_SIZE
-        self._sight: Sight | None = None
+        self.sight: Sight | None = None
+        self._beside: tuple[Scene | None, Scene | None] = (None, None)
         for name in ("inner_width", "inner_height"):
             self.figure.on_change(name, lambda _attr, _old, _new: self._resized())
         self._style()
@@ -55,6 +58,7 @@ class Canvas:
             "flows": ("x", "y", "angle", "color"), "labels": ("x", "y", "text", "color"),
             "marks": ("x", "y", "text", "color"),
             "robots": ("x", "y", "color"), "headings": ("x0", "y0", "x1", "y1", "color"), "sketch": ("x", "y"),
+            "walkers": ("xs", "ys"), "earlier": ("xs", "ys"),
         }  # fmt: skip
         self.sources = {name: ColumnDataSource({key: [] for key in keys}) for name, keys in names.items()}
         self.sources["image"].name = "gas" if plane == ABOVE else None
@@ -89,6 +93,17 @@ class Canvas:
             line_color="edge",
             line_width="width",
         )
+        plot.patches(
+            "xs",
+            "ys",
+            source=of["walkers"],
+            fill_color=theme.SOLID,
+            fill_alpha=0.95,
+            line_color=theme.SOLID_EDGE,
+        )
+        plot.multi_line(
+            "xs", "ys", source=of["earlier"], line_color="#000000", line_width=2, line_dash="dashed"
+        )
         plot.multi_line(
             "xs", "ys", source=of["lines"], line_color="edge", line_width="width", line_alpha="alpha"
         )
@@ -120,6 +135,12 @@ class Canvas:
             "x", "y", "text", source=of["marks"], text_color="#ffffff", text_font=value(FONT), text_font_size="11px",
             text_align="center", text_baseline="middle", text_font_style="bold",
         )  # fmt: skip
+
+        self.note = Label(
+            x=6, y=6, x_units="screen", y_units="screen", text="", text_color=UNLIKELY, text_font=FONT,
+            text_font_size="12px", background_fill_color="#ffffff", background_fill_alpha=0.9,
+        )  # fmt: skip
+        plot.add_layout(self.note)
 
     # ---------------------------------------------------------------- objects
 
@@ -181,6 +202,8 @@ class Canvas:
             edge, width = CHOSEN, max(width, 2.5)
         if thing.path.startswith("robots") and isinstance(thing.part, Rectangle):
             alpha = 0.2  # an area of starts
+        if self.sight is not None and isinstance(thing.part, Body) and thing.part.walks:
+            alpha = AT_START
         return {
             "color": thing.color, "alpha": alpha if closed else 1.0, "edge": edge, "width": width, "path": thing.path,
         }  # fmt: skip
@@ -287,31 +310,62 @@ class Canvas:
 
     # ---------------------------------------------------------------- a run
 
-    def show_run(self, sight: Sight | None, recording: Recording | None = None) -> None:
-        """Draw gas, wind and robots of a run from above; None: remove them. recording: for the scale of the gas."""
-        if sight is self._sight:
+    def show_run(
+        self, sight: Sight | None, of: Scene | None = None, present: Scene | None = None, name: str = "run"
+    ) -> None:
+        """Draw the state of a run, and the room of the run where the present room differs. None: remove them.
+
+        of: objects of the run's text, present: of the drawn text. Gas, wind and robots are seen from above alone. A
+        walker's start is drawn otherwise by `show` while a run is seen.
+        """
+        if sight is self.sight and of is self._beside[0] and present is self._beside[1]:
             return
-        self._sight = sight
-        if sight is None or self.plane != ABOVE or self.room is None:
-            self.sources["image"].data = {key: [] for key in ("image", "x", "y", "dw", "dh")}
-            self.sources["wind"].data = {key: [] for key in ("x0", "y0", "x1", "y1")}
-            self.sources["headings"].data = {key: [] for key in ("x0", "y0", "x1", "y1", "color")}
-            self.sources["robots"].data = {key: [] for key in ("x", "y", "color")}
+        self.sight, self._beside = sight, (of, present)
+        seen = sight is not None and of is not None and of.room is not None and self.plane in of.planes
+        if not seen or sight is None or of is None or of.room is None:
+            for part in ("image", "wind", "headings", "robots", "walkers", "earlier"):
+                source = self.sources[part]
+                source.data = {key: [] for key in source.data}
+            self.note.text = ""
             return
-        low, high = (recording or Recording()).range_ppm
+        bodies = [thing.part for thing in of.things if isinstance(thing.part, Body)]
+        walkers = [body.outline_at(sight.t, self.plane).points for body in bodies if body.walks]
+        self.sources["walkers"].data = _columns(walkers)
+        self._show_room(of, present if present is not None else of, name)
+        if self.plane == ABOVE:
+            self._show_air(sight, of, of.room)
+
+    def _show_room(self, of: Scene, present: Scene, name: str) -> None:
+        """Draw what differs between the room of a run and the present one, and say whose gas is seen."""
+        lines = []
+        for thing in of.drawn_otherwise(present):
+            for points, closed in thing.outlines(self.plane):
+                lines.append(np.concatenate([points, points[:1]]) if closed else points)
+        self.sources["earlier"].data = _columns(lines)
+        self.note.text = ""
+        if of.data != present.data:
+            dashed = "; dashed: its room" if lines else ""
+            self.note.text = f"Gas, wind and robots: {name}, started before your last changes{dashed}"
+
+    def _show_air(self, sight: Sight, of: Scene, room: tuple[float, ...]) -> None:
+        low, high = gas_range(of)
         pixels = theme.GAS(Scale(low, high, "log").bytes(sight.gas), bytes=True)
         pixels[sight.gas <= low] = 0
         image = np.ascontiguousarray(pixels).view(np.uint32)[..., 0]
         self.sources["image"].data = {
-            "image": [image], "x": [0.0], "y": [0.0], "dw": [self.room[0]], "dh": [self.room[1]],
-        }  # fmt: skip
+            "image": [image],
+            "x": [0.0],
+            "y": [0.0],
+            "dw": [room[0]],
+            "dh": [room[1]],
+        }
         x, y, u, v = sight.wind
         fastest = max(float(np.hypot(u, v).max(initial=0.0)), 1e-9)
-        scale = ARROW * max(self.room[:2]) / fastest
+        scale = ARROW * max(room[:2]) / fastest
         self.sources["wind"].data = {"x0": x, "y0": y, "x1": x + scale * u, "y1": y + scale * v}
         x, y, heading = sight.robots
         colors = [theme.robot(n) for n in range(len(x))]
-        reach = 0.03 * max(self.room[:2])
+        reach = 0.03 * max(room[:2])
         ends: Mapping[str, Any] = {"x1": x + reach * np.cos(heading), "y1": y + reach * np.sin(heading)}
         self.sources["headings"].data = {"x0": x, "y0": y, "color": colors, **ends}
         self.sources["robots"].data = {"x": x, "y": y, "color": colors}
@@ -341,6 +395,19 @@ class Canvas:
                 if _distance(outline.points, at, outline.closed) <= near:
                     return thing.path
         return None
+
+
+def gas_range(of: Scene) -> tuple[float, float]:
+    """Return the lowest and highest mole fraction of the gas [ppm] in the colours of a text's recording."""
+    recording = read(of.data, "recording")
+    return (recording if isinstance(recording, Recording) else Recording()).range_ppm
+
+
+def _columns(outlines: Sequence[np.ndarray]) -> dict[str, Any]:
+    return {
+        "xs": [points[:, 0].copy() for points in outlines],
+        "ys": [points[:, 1].copy() for points in outlines],
+    }
 
 
 def _inside(points: np.ndarray, at: Point) -> bool:

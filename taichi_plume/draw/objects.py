@@ -102,6 +102,20 @@ class Scene:
         things = tuple(thing if other.path == thing.path else other for other in self.things)
         return replace(self, things=things)
 
+    def drawn_otherwise(self, other: "Scene") -> list[Thing]:
+        """Return the objects with a position that another scene lacks, or has with other keys or values."""
+        there = [section for _, section in other._drawn]
+        return [thing for thing, section in self._drawn if section not in there]
+
+    @property
+    def _drawn(self) -> list[tuple[Thing, tuple[str, Any]]]:
+        """Objects with a position, each with its list or section in the text and its keys and values."""
+        return [
+            (thing, (parent_of(thing.path)[0], value_at(self.data, thing.path)))
+            for thing in self.things
+            if thing.part is not None
+        ]
+
     def owner(self, path: str) -> str:
         """Return the path of the innermost object that contains a path of keys; "" (the experiment) for all others."""
         inside = [

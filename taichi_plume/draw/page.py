@@ -24,7 +24,7 @@ from bokeh.models import (
 )
 
 from taichi_plume.draw import edits
-from taichi_plume.draw.canvas import UNLIKELY, WRONG, Canvas
+from taichi_plume.draw.canvas import UNLIKELY, WRONG, Canvas, gas_range
 from taichi_plume.draw.checks import Remark
 from taichi_plume.draw.drafts import Draft
 from taichi_plume.draw.form_panel import FormPanel
@@ -462,14 +462,22 @@ class Page(Pointer):
 
     # ---------------------------------------------------------------- runs
 
+    @property
+    def usage(self) -> str:
+        """Use of the pointer in the views or, while a run is seen, the scale of its gas; as HTML."""
+        of = self.runs.scene
+        if self.runs.sight is None or of is None or self.kind != "select":
+            return super().usage
+        low, high = gas_range(of)
+        return f"Gas from {low:g} ppm (white) to {high:g} ppm (dark), logarithmic; lines show the wind."
+
     def look(self) -> None:
         """Show the state of the runs, and of the file."""
         self.runs.refresh()
-        sight = self.runs.sight
-        recording = self.runs.recording_keys(self.scene) if sight is not None else None
-        if recording is not None and self.kind == "select":
-            low, high = recording.range_ppm
-            self.hint.text = (
-                f"Gas from {low:g} ppm (white) to {high:g} ppm (dark), logarithmic; lines show the wind."
-            )
-        self.canvases[ABOVE].show_run(sight, recording)
+        sight, of = self.runs.sight, self.runs.scene
+        self.hint.text = self.usage
+        begun = (sight is None) != (self.canvases[ABOVE].sight is None)
+        for canvas in self.canvases.values():
+            canvas.show_run(sight, of, self.scene, f"run {self.runs.number}")
+        if begun:
+            self._show_remarks()  # walkers are drawn otherwise while a run is seen

@@ -72,11 +72,16 @@ class Pointer:
         """Kind of object that the pointer draws; "select" if it selects and moves."""
         return ["select", *edits.KINDS][self.palette.active or 0]
 
-    def _tool_changed(self) -> None:
-        self.points = []
-        self.hint.text = escape(
+    @property
+    def usage(self) -> str:
+        """How the pointer acts in the views, as HTML."""
+        return escape(
             edits.KINDS.get(self.kind, "Drag an object or its handles; drag the floor to move the view.")
         )
+
+    def _tool_changed(self) -> None:
+        self.points = []
+        self.hint.text = self.usage
         endings = {"mesh": (".stl", ".obj", ".ply"), "map": (".yaml", ".yml")}.get(self.kind, ())
         files = sorted(
             f.name

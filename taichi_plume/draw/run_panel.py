@@ -9,13 +9,12 @@ from bokeh.layouts import column, row
 from bokeh.models import Button, ColumnDataSource, Div, InlineStyleSheet, Select
 from bokeh.plotting import figure
 
-from taichi_plume.draw.objects import Scene, read
+from taichi_plume.draw.objects import Scene
 from taichi_plume.draw.runs import Run
 from taichi_plume.draw.workplace import Workplace
 from taichi_plume.execution.watch_file import Sight
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.report import theme
-from taichi_plume.scenario.outputs import Recording
 
 ENDED = ("completed", "stopped")
 """States of runs that have come to their end; a run stops early if its robots are done."""
@@ -84,10 +83,10 @@ class RunPanel:
         run = self.run
         return run.sight if run is not None and (run.alive or run.text == self.workplace.text) else None
 
-    def recording_keys(self, of: Scene) -> Recording:
-        """Return the section `recording` of a text, for the scale of the gas."""
-        section = read(of.data, "recording")
-        return section if isinstance(section, Recording) else Recording()
+    @property
+    def scene(self) -> Scene | None:
+        """Objects of the text with which the shown run was started."""
+        return self.run.scene if self.run is not None else None
 
     # ---------------------------------------------------------------- run and stop
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from taichi_plume.draw.document import data_of
+from taichi_plume.draw.objects import Scene
 from taichi_plume.execution.summary import ending, robots_found
 from taichi_plume.execution.watch_file import Sight, read
 from taichi_plume.files import disk
@@ -29,11 +30,15 @@ MOST_CHANGES = 3  # keys, in the list
 
 
 class Run:
-    """A run of the session. number: from 1; folder: of its files; changes: keys that differ from the previous run."""
+    """A run of the session. number: from 1; folder: of its files; changes: keys that differ from the previous run.
+
+    scene: objects of the run's text, for all pages.
+    """
 
     def __init__(self, number: int, folder: Path, text: str, changes: str):
         self.number, self.folder, self.text, self.changes = number, folder, text, changes
         self.notes = Path(tempfile.mkdtemp(prefix="taichi_plume-draw-"))
+        self.scene: Scene | None = None
         self.scenario: Path | None = None  # a copy of the text for the run alone
         self.process: subprocess.Popen[bytes] | None = None
         self.begun = time.monotonic()

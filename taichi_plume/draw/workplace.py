@@ -174,6 +174,8 @@ class Workplace:
         flags = ["--allow-outside"] * self.allow_outside + ["--allow-code"] * self.allow_code
         flags += [word for digest in agreed for word in ("--allow-sha256", digest)]
         run = self.runs.start(text, self.folder, flags)
+        same = text == self.text
+        run.scene = self.scene if same else scene(text, self.folder, self.allow_outside)
         self._notify()
         return run
 

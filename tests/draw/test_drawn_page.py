@@ -3,6 +3,7 @@
 from hashlib import sha256
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from test_workplace import killed
 
 from taichi_plume.draw import edits, workplace
 from taichi_plume.draw.page import Page
+from taichi_plume.draw.runs import Run
 from taichi_plume.draw.workplace import Workplace
 from taichi_plume.execution.watch_file import Sight
 from taichi_plume.guard.input_error import InputError
@@ -489,17 +491,101 @@ def test_code_that_changes_before_the_answer_is_asked_about_again(coded):
     assert started == [(page.workplace.text, flags_of(other))]
 
 
-def test_the_picture_of_a_run_lies_under_the_objects(page):
+def sight_at(t):
     gas = np.array([[0.0, 0.01], [10.0, 1e6]], np.float32)
-    sight = Sight(1.0, 10.0, 0.1, 2.0, "running", gas, np.ones((4, 3)), np.ones((3, 2)), np.ones((5, 3)))
-    canvas = page.canvases[ABOVE]
-    canvas.show_run(sight)
+    return Sight(t, 10.0, 0.1, 2.0, "running", gas, np.ones((4, 3)), np.ones((3, 2)), np.ones((5, 3)))
+
+
+def test_the_picture_of_a_run_lies_under_the_objects(page):
+    canvas: Any = page.canvases[ABOVE]
+    canvas.show_run(sight_at(1.0), page.scene)
     image = canvas.sources["image"].data["image"][0]
     alpha = image.view(np.uint8).reshape(2, 2, 4)[..., 3]
     assert alpha.tolist() == [[0, 0], [255, 255]], "air without gas is transparent"
     assert len(canvas.sources["robots"].data["x"]) == 2
     canvas.show_run(None)
     assert canvas.sources["image"].data["image"] == []
+
+
+def running(page, t):
+    """Let a run of the present text be alive at a time [s]."""
+    runs = page.workplace.runs
+    run = Run(len(runs.all) + 1, page.workplace.root / "runs", page.workplace.text, "")
+    process: Any = SimpleNamespace(poll=lambda: None)
+    run.process = process
+    run.sight, run.scene = sight_at(t), page.scene
+    runs.all.append(run)
+    page.look()
+    return run
+
+
+@pytest.mark.parametrize(
+    ("t", "y"), [(-1.0, 0.5), (0.0, 0.5), (2.5, 1.5), (5.5, 2.5), (8.5, 1.5), (14.5, 1.5)]
+)
+def test_a_walker_is_drawn_where_it_is_at_the_time_of_the_run(tmp_path, t, y):
+    """By hand: 2 m in 5 s to and in 5 s fro, with 1 s of rest at both ends, from (1.8, 0.5)."""
+    page = opened(tmp_path, (ROOT / "configs/moving_obstacle.yaml").read_text())[1]
+    canvas: Any = page.canvases[ABOVE]
+
+    def start():
+        areas = canvas.sources["areas"].data
+        return areas["alpha"][areas["path"].index("obstacles[0]")]
+
+    as_drawn = start()
+    run = running(page, t)
+    (xs,), (ys,) = (canvas.sources["walkers"].data[key] for key in ("xs", "ys"))
+    assert ((xs.min() + xs.max()) / 2, (ys.min() + ys.max()) / 2) == pytest.approx((1.8, y))
+    assert (xs.max() - xs.min(), ys.max() - ys.min()) == pytest.approx((0.4, 0.4))
+    assert start() < 0.5 * as_drawn, "the walker is not drawn as a body where it started"
+    assert canvas.note.text == ""
+    run.process, run.sight = None, None
+    page.look()
+    assert canvas.sources["walkers"].data["xs"] == []
+    assert start() == as_drawn
+
+
+def test_a_walker_of_a_room_in_3d_moves_in_both_views(tmp_path):
+    text = (ROOT / "configs/arena_3d.yaml").read_text() + "# a walker\n"
+    page = opened(tmp_path, text)[1]
+    edited = edits.create(text, page.scene, "walker", [(1.0, 1.0), (2.0, 1.0)])[0]
+    page.put(edited)
+    running(page, 1.0)  # at 0.5 m/s
+    for canvas in page.canvases.values():
+        walkers: Any = canvas.sources["walkers"].data
+        (xs,) = walkers["xs"]
+        assert (xs.min() + xs.max()) / 2 == pytest.approx(1.5)
+
+
+def test_the_gas_of_a_run_is_said_to_belong_to_an_older_room(page):
+    canvas: Any = page.canvases[ABOVE]
+    running(page, 1.0)
+    assert canvas.note.text == ""
+    page.choose("obstacles[0]")
+    page.form.widgets["obstacles[0].center"].value = "[1.0, 2.0]"
+    page.form.widgets["obstacles[0].radius"].value = "0.3"
+    page.form._put(edits.with_values(page.workplace.text, "domain", {"size": [8.0, 3.0]}))
+    assert "run 1" in canvas.note.text
+    earlier = canvas.sources["earlier"].data
+    ends = [
+        (xs.min(), xs.max(), ys.min(), ys.max()) for xs, ys in zip(earlier["xs"], earlier["ys"], strict=True)
+    ]
+    assert sorted(ends) == [pytest.approx((0, 4, 0, 3)), pytest.approx((1.35, 1.65, 1.95, 2.25))]
+    assert canvas.sources["image"].data["dw"] == [4.0], "the gas is as wide as the room of the run"
+    page._typed("robots: [")
+    assert len(canvas.sources["earlier"].data["xs"]) > 6, "the room of the run, while the text cannot be read"
+    for _ in range(4):
+        page._undo()
+    assert canvas.note.text == ""
+    assert canvas.sources["earlier"].data["xs"] == []
+    assert "ppm" in page.hint.text
+    page.palette.active = 1
+    assert "ppm" not in page.hint.text, "the use of the tool"
+    page.palette.active = 0
+    assert "ppm" in page.hint.text
+    page.workplace.runs.all[0].process = None
+    page._typed(page.workplace.text + "# more\n")
+    assert canvas.sources["image"].data["image"] == []
+    assert "ppm" not in page.hint.text, "the scale goes with the gas"
 
 
 def test_the_answer_to_a_question_about_a_draft(tmp_path):

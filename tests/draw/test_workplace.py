@@ -160,7 +160,7 @@ def killed(place: Workplace) -> None:
         draft.release()
 
 
-def offered(folder: Path) -> list[str]:
+def offered(folder: Path) -> list[str | None]:
     """Texts that the next server offers, the first first; all are refused but in the files."""
     place = Workplace(folder, folder / "room.yaml")
     texts = [draft.text for draft in reversed(place.drafts.waiting)]
