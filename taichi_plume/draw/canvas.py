@@ -224,8 +224,7 @@ class Canvas:
         if thing.path.startswith("wind.") and self.room is not None:
             y = min(max(y, 0.06 * self.room[1]), 0.97 * self.room[1])
             x = min(max(x, 0.08 * self.room[0]), 0.92 * self.room[0])
-        name = "".join(c if c.isprintable() else "?" for c in thing.name)
-        return {"x": x, "y": y, "text": theme.short(name), "color": theme.INK}
+        return {"x": x, "y": y, "text": thing.name, "color": theme.INK}
 
     def _flows(self, of: Scene) -> dict[str, list[Any]]:
         """Return arrowheads along the openings through which air comes in (inward) or leaves (outward)."""

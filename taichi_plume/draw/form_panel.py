@@ -68,11 +68,11 @@ class FormPanel:
         try:
             options = [(thing.path, thing.name) for thing in of.things]
             if path not in [value for value, _ in options]:
-                options.append((path, path))
+                options.append((path, of.named(path)))
             self.sections.update(options=options, value=path)
             about = [remark for remark in remarks if _within(remark.path, path)] if path else []
             words = "".join(
-                f"<p style='color:{'#d32f2f' if remark.is_error else '#b26a00'}'>{escape(remark.line)}</p>"
+                f"<p style='color:{'#d32f2f' if remark.is_error else '#b26a00'}'>{escape(of.named(remark.line))}</p>"
                 for remark in about
             )
             self.purpose.text = f"<p style='color:#5d6875'>{escape(forms.title(of.data, path))}</p>{words}"

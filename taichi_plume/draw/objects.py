@@ -1,5 +1,7 @@
 """Objects of a drawing: a function of the YAML text alone. A text with mistakes is drawn as far as it can be read."""
 
+import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -45,6 +47,9 @@ LISTS = (
     "obstacles",
     "wind.buoyancy.heat.walls",
     "wind.buoyancy.heat.heaters",
+)
+_ITEM = re.compile(
+    r"(?<![\w.\]])(?P<path>[a-z_]+(\.[a-z_]+)*\[\d+\](\.?[a-z_0-9]+|\[\d+\])*)(?P<kind> \(\w+\))?"
 )
 PLACES = ("center", "position", "at", "start", "low", "translate")
 """Keys that say about where an object is which cannot be read otherwise."""
@@ -102,6 +107,10 @@ class Scene:
         things = tuple(thing if other.path == thing.path else other for other in self.things)
         return replace(self, things=things)
 
+    def named(self, line: str) -> str:
+        """Return a line of the checks with the names of the plan; see `named`."""
+        return named(line, {thing.path: thing.name for thing in self.things})
+
     def drawn_otherwise(self, other: "Scene") -> list[Thing]:
         """Return the objects with a position that another scene lacks, or has with other keys or values."""
         there = [section for _, section in other._drawn]
@@ -134,10 +143,11 @@ def scene(text: str, folder: Path, allow_outside: bool = False) -> Scene:
         return Scene(text, {}, None, ())
     domain = read(data, "domain")
     room = tuple(round(x, 9) for x in domain.extent) if isinstance(domain, Domain) else None
-    things = [Thing(path, name, theme.FAINT) for path, name in _unplaced(data)]
-    things += [Thing("domain", "room", theme.INK, Room(domain, room) if room else None)]
+    by_path = names(data)
+    things = [Thing(path, by_path[path], theme.FAINT) for path, *_ in _unplaced(data)]
+    things += [Thing("domain", by_path["domain"], theme.INK, Room(domain, room) if room else None)]
     gate_folder = None if allow_outside else folder
-    for path, name in _paths(data):
+    for path, *_ in _paths(data):
         part, model = None, read(data, path)
         if room is not None:
             try:
@@ -149,7 +159,9 @@ def scene(text: str, folder: Path, allow_outside: bool = False) -> Scene:
                             part.handles(plane)
             except (ShapeError, OSError, ValueError, LookupError, TypeError):
                 part = None  # such as a position with too few numbers, or a file that cannot be read
-        things.append(Thing(path, name, _color(data, path, model), part, None if part else _mark(data, path)))
+        things.append(
+            Thing(path, by_path[path], _color(data, path, model), part, None if part else _mark(data, path))
+        )
     return Scene(text, data, room, tuple(things))
 
 
@@ -239,44 +251,87 @@ def _of_kind(classes: Sequence[type[Model]], values: Any) -> type[Model] | None:
     )
 
 
-def _unplaced(data: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield (path, name) of the sections that have no position in the room, the experiment itself first."""
-    yield "", "experiment"
+def names(data: Mapping[str, Any]) -> dict[str, str]:
+    """Return a name of each section and object by its path in the text, for plan, forms and messages.
+
+    Objects of one kind are numbered from 1 in the order of the text: the only outlet is "outlet 1".
+    """
+    counts: Counter[str] = Counter()
+    found: dict[str, str] = {}
+    taken = set()
+    for path, noun, name in [*_unplaced(data), ("domain", "room", "room"), *_paths(data)]:
+        counts[noun] += 1
+        numbered = f"{noun} {counts[noun]}"
+        if name is None:
+            name = numbered
+        elif name in taken:
+            name = f"{name} ({numbered})"
+        taken.add(name)
+        found[path] = theme.short("".join(c if c.isprintable() else "?" for c in name))
+    return found
+
+
+def named(line: str, by_path: Mapping[str, str]) -> str:
+    """Return a line of the checks with the names of objects instead of their paths; by_path: see `names`.
+
+    >>> named("obstacles[1].center: (9, 1) m is outside", {"obstacles[1]": "box 1"})
+    'box 1, center: (9, 1) m is outside'
+    """
+
+    def replaced(match: re.Match[str]) -> str:
+        path, kind = match["path"], match["kind"] or ""
+        items = [path[: end.end()] for end in re.finditer(r"\]", path)]
+        item = max((item for item in items if item in by_path), key=len, default="")
+        if not item:
+            return match[0]
+        name, rest = by_path[item], path[len(item) :].lstrip(".")
+        kind = "" if kind and name.startswith(kind[2:-1]) else kind  # not "box 1 (box)"
+        return f"{name}, {rest}{kind}" if rest else f"{name}{kind}"
+
+    return _ITEM.sub(replaced, line)
+
+
+Entry = tuple[str, str, str | None]
+"""Path of a section or object, the noun of its kind, and its own name; None if it is numbered."""
+
+
+def _unplaced(data: Mapping[str, Any]) -> Iterator[Entry]:
+    """Yield the sections that have no position in the room, the experiment itself first."""
+    yield "", "experiment", "experiment"
     for key, field in Scenario.model_fields.items():
         if key in ("domain", "arena", "obstacles", "robots") or not any(models_in(field)):
             continue
         items = data.get(key)
         if isinstance(items, list):
-            yield from ((f"{key}[{n}]", f"{key.removesuffix('s')} {n + 1}") for n in range(len(items)))
+            yield from ((f"{key}[{n}]", key.removesuffix("s"), None) for n in range(len(items)))
         elif key in data:
-            yield key, key.replace("_", " ")
-    parts = value_at(data, "gas.parts")
-    yield from (
-        (f"gas.parts[{n}]", f"gas {n + 1}") for n in range(len(parts) if isinstance(parts, list) else 0)
-    )
+            yield key, key, key.replace("_", " ")
+    parts = _items(data, "gas.parts")
+    yield from ((f"gas.parts[{n}]", "gas part", f"gas {n + 1}") for n in range(len(parts)))
 
 
-def _paths(data: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield (path, name) of the objects in the order of drawing: what lies on top comes last."""
+def _paths(data: Mapping[str, Any]) -> Iterator[Entry]:
+    """Yield the objects in the order of drawing: what lies on top comes last."""
     if isinstance(data.get("arena"), dict):
-        yield "arena", "arena"
+        yield "arena", "arena", "arena"
     for key in LISTS:
         for n, item in enumerate(_items(data, key)):
             noun = {"wind.buoyancy.heat.heaters": "heater", "wind.buoyancy.heat.walls": "warm wall"}.get(key)
-            yield f"{key}[{n}]", f"{noun or _kind(item, key)} {n + 1}"
+            yield f"{key}[{n}]", noun or _kind(item, key), None
     yield from _sources(data, "gas", data.get("gas"))
     for n, item in enumerate(_items(data, "probes.points")):
-        yield f"probes.points[{n}]", f"probe {_name(item, n)}"
+        name = _name(item)
+        yield f"probes.points[{n}]", "probe", None if name is None else f"probe {name}"
     for n, item in enumerate(_items(data, "robots")):
-        yield f"robots[{n}]", _name(item, n)
+        yield f"robots[{n}]", "robots", _name(item)
 
 
-def _sources(data: Mapping[str, Any], path: str, gas: Any) -> Iterator[tuple[str, str]]:
+def _sources(data: Mapping[str, Any], path: str, gas: Any) -> Iterator[Entry]:
     if not isinstance(gas, dict):
         return
     for key in ("sources", "releases"):
         for n, _ in enumerate(_items(data, f"{path}.{key}")):
-            yield f"{path}.{key}[{n}]", f"source {n + 1}"
+            yield f"{path}.{key}[{n}]", "source", None
     parts = gas.get("parts")
     for n, part in enumerate(parts if isinstance(parts, list) else ()):
         yield from _sources(data, f"{path}.parts[{n}]", part)
@@ -293,9 +348,9 @@ def _kind(item: Any, key: str) -> str:
     return kind if isinstance(kind, str) else noun
 
 
-def _name(item: Any, n: int) -> str:
+def _name(item: Any) -> str | None:
     name = item.get("name") if isinstance(item, dict) else None
-    return name if isinstance(name, str) else f"robots {n + 1}"
+    return name if isinstance(name, str) else None
 
 
 def _part(

@@ -295,7 +295,9 @@ class Page(Pointer):
                     shift = 0.05 * beside * max(self.scene.room or (1.0,))
                     marks[plane].append((str(n), (place[0] + shift, place[1]), remark.is_error))
             color, word = (WRONG, "error") if remark.is_error else (UNLIKELY, "unlikely")
-            lines.append(f"<p><b style='color:{color}'>{n} {word}</b> {escape(remark.line)}</p>")
+            lines.append(
+                f"<p><b style='color:{color}'>{n} {word}</b> {escape(self.scene.named(remark.line))}</p>"
+            )
         wrong = {remark.owner(self.scene) for remark in self.shown_remarks if remark.is_error}
         for plane, canvas in self.canvases.items():
             canvas.show(self.scene, self.chosen, wrong, marks[plane])
@@ -315,7 +317,7 @@ class Page(Pointer):
         if errors:
             more = f" and {len(errors) - 1} more" * (len(errors) > 1)
             count = f"{len(errors)} error{'s' * (len(errors) > 1)}"
-            return f"<b style='color:{WRONG}'>{count}</b> {escape(errors[0])}{more}"
+            return f"<b style='color:{WRONG}'>{count}</b> {escape(self.scene.named(errors[0]))}{more}"
         derived = [f"{name}: {text}" for name, text in findings.derived.items() if name in ("air", "gas")]
         return escape(" · ".join([findings.amounts, *derived]))
 
@@ -346,11 +348,12 @@ class Page(Pointer):
     def say(self, words: str) -> None:
         """Show a message above the drawing; "": none. A draft that cannot be written is always mentioned."""
         self._said = words
-        self.message.text = escape("; ".join(filter(None, (words, self.workplace.drafts.fault))))
+        lines = filter(None, (self.scene.named(words), self.workplace.drafts.fault))
+        self.message.text = escape("; ".join(lines))
 
     def ask(self, words: str, yes: Callable[[], Any], no: Callable[[], Any] = lambda: None) -> None:
         """Ask a question above the drawing; carry out one of two functions by the answer."""
-        self.banner.text = escape(words)
+        self.banner.text = escape(self.scene.named(words))
         self.asked, self.declined, self._left = yes, no, None
         self.question.visible = True
 

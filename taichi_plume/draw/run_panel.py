@@ -139,7 +139,7 @@ class RunPanel:
             self._shown = run.sight
             self._show_readings(run.sight)
         as_asked = run.alive or run.state in ENDED or run.stopping
-        lines = [] if as_asked else run.output
+        lines = [] if as_asked or self.scene is None else map(self.scene.named, run.output)
         self.output.text = "".join(f"<div style='color:#d32f2f'>{escape(line)}</div>" for line in lines)
         self._show_frames(run)
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from taichi_plume.draw.document import data_of
-from taichi_plume.draw.objects import Scene
+from taichi_plume.draw.objects import Scene, named, names
 from taichi_plume.execution.summary import ending, robots_found
 from taichi_plume.execution.watch_file import Sight, read
 from taichi_plume.files import disk
@@ -216,7 +216,11 @@ def changes(before: str, after: str) -> str:
     paths = [
         path for path in [*new, *(path for path in old if path not in new)] if old.get(path) != new.get(path)
     ]
-    words = [f"{path}: {old.get(path, '—')} → {new.get(path, '—')}" for path in paths[:MOST_CHANGES]]
+    by_path = names(data_of(before)) | names(data_of(after))
+    words = [
+        f"{named(path, by_path)}: {old.get(path, '—')} → {new.get(path, '—')}"
+        for path in paths[:MOST_CHANGES]
+    ]
     more = len(paths) - MOST_CHANGES
     return visible("; ".join(words + [f"{more} more"] * (more > 0)), 160)
 

@@ -133,7 +133,8 @@ def test_a_file_is_opened_changed_and_saved_with_its_comments(visit, tmp_path):
     with page.page.expect_popup():  # a scenario with errors has no picture; the page stays
         page.page.locator("a", has_text="picture").click()
     page.tab("Remarks")
-    assert "is inside obstacles[0] (cylinder)" in page.text_of("remarks")
+    assert "source 1, position" in page.text_of("remarks")
+    assert "is inside cylinder 1," in page.text_of("remarks")
     page.picture("d_mistake")
     assert page.errors == []
     assert page.elsewhere == []

@@ -142,7 +142,8 @@ def test_a_mistake_is_marked_at_its_object(page):
     page.workplace.found(*page.workplace.check())
     marks = page.canvases[ABOVE].sources["marks"].data
     assert (marks["x"], marks["y"]) == ([1.5], [2.1])
-    assert "is inside obstacles[0] (cylinder)" in page.remarks.text
+    assert "source 1, position" in page.remarks.text
+    assert "is inside cylinder 1," in page.remarks.text
     areas = page.canvases[ABOVE].sources["areas"].data
     edges = dict(zip(areas["path"], areas["edge"], strict=True))
     assert edges["gas.sources[0]"] == "#d32f2f"

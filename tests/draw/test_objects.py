@@ -12,7 +12,7 @@ from test_document import CONFIGS
 from taichi_plume.assembly.preparation import load
 from taichi_plume.draw import checks
 from taichi_plume.draw.document import data_of
-from taichi_plume.draw.objects import scene
+from taichi_plume.draw.objects import named, names, scene
 from taichi_plume.report.theme import ABOVE, SIDE
 from taichi_plume.scenario.changes import changed
 from taichi_plume.scenario.loading import ScenarioError, read_scenario
@@ -208,3 +208,55 @@ def test_mistakes_in_yaml_name_their_line():
     assert not findings.sound
     assert "line" in findings.remarks[0].line
     assert changed(data_of("a: 1"), {"b": 2}) == {"a": 1, "b": 2}
+
+
+NAMED = """\
+domain: {size: [4, 3], spacing: 0.1}
+wind:
+  kind: cfd
+  openings: [{kind: inlet, face: x-}, {kind: outlet, face: x+}]
+obstacles:
+  - {kind: cylinder, center: [1, 1], radius: 0.2}
+  - {kind: box, center: [2, 1], size: [0.2, 0.2]}
+  - {kind: box, center: [3, 1], size: [0.2, 0.2]}
+gas:
+  parts: [{sources: [{position: [1, 2]}]}, {sources: [{position: [1.5, 2]}]}]
+probes: {points: [{kind: point, at: [1, 1]}]}
+robots: [{name: team}, {name: team}, {name: box 1}, {}]
+"""
+
+
+def test_objects_of_a_kind_are_numbered_from_1_and_no_two_have_one_name():
+    by_path = names(data_of(NAMED))
+    assert by_path["wind.openings[1]"] == "outlet 1", "the only outlet"
+    assert [by_path[f"obstacles[{n}]"] for n in range(3)] == ["cylinder 1", "box 1", "box 2"]
+    assert [by_path[f"gas.parts[{n}].sources[0]"] for n in range(2)] == ["source 1", "source 2"]
+    assert by_path["probes.points[0]"] == "probe 1"
+    assert len(set(by_path.values())) == len(by_path)
+
+
+@pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
+def test_names_of_shipped_scenarios_are_unique(path):
+    of = scene(path.read_text(), path.parent)
+    assert max(Counter(thing.name for thing in of.things).values()) == 1
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("obstacles[2].center[0]: got -1", "box 2, center[0]: got -1"),
+        ("gas.parts[1].sources[0].rate: got -1", "source 2, rate: got -1"),
+        (
+            "robots[0].start.positions[1]: is inside obstacles[1] (box)",
+            "team, start.positions[1]: is inside box 1",
+        ),
+        (
+            "wind.openings[1]: overlaps wind.openings[0] (inlet) on face x-",
+            "outlet 1: overlaps inlet 1 on face x-",
+        ),
+        ("domain.size: got 3; there is no obstacles[9]", "domain.size: got 3; there is no obstacles[9]"),
+        ("my.obstacles[0] and obstacles[0]", "my.obstacles[0] and cylinder 1"),
+    ],
+)
+def test_a_message_names_an_object_as_the_plan_does(line, expected):
+    assert named(line, names(data_of(NAMED))) == expected

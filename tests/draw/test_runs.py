@@ -231,6 +231,8 @@ def test_stopping_the_command_asks_while_runs_are_alive(monkeypatch, tmp_path, c
 
 def test_changes_between_runs_are_named():
     assert changes(TEXT, TEXT) == ""
+    boxes = "obstacles: [{kind: box, yaw_deg: 1}, {kind: box, yaw_deg: 1}]"
+    assert changes(boxes, boxes.replace("1}]", "2}]")) == "box 2, yaw_deg: 1 → 2", "the name in the plan"
     assert changes("a: 1\nb: [1, 2]", "a: 2\nb: [1]") == "a: 1 → 2; b[1]: 2 → —"
 
 
