@@ -74,7 +74,7 @@ class Pointer:
 
     @property
     def usage(self) -> str:
-        """How the pointer acts in the views, as HTML."""
+        """Use of the pointer in the views, as HTML."""
         return escape(
             edits.KINDS.get(self.kind, "Drag an object or its handles; drag the floor to move the view.")
         )
