@@ -268,7 +268,7 @@ class Page(Pointer):
         self._show_remarks()
         self.form.show(self.scene, self.chosen, self.shown_remarks)
         self._banner()
-        self.say(self._said)
+        self._show_message()
         self.look()
 
     @property
@@ -347,9 +347,11 @@ class Page(Pointer):
 
     def say(self, words: str) -> None:
         """Show a message above the drawing; "": none. A draft that cannot be written is always mentioned."""
-        self._said = words
-        lines = filter(None, (self.scene.named(words), self.workplace.drafts.fault))
-        self.message.text = escape("; ".join(lines))
+        self._said = self.scene.named(words)
+        self._show_message()
+
+    def _show_message(self) -> None:
+        self.message.text = escape("; ".join(filter(None, (self._said, self.workplace.drafts.fault))))
 
     def ask(self, words: str, yes: Callable[[], Any], no: Callable[[], Any] = lambda: None) -> None:
         """Ask a question above the drawing; carry out one of two functions by the answer."""

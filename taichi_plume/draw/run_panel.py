@@ -9,7 +9,8 @@ from bokeh.layouts import column, row
 from bokeh.models import Button, ColumnDataSource, Div, InlineStyleSheet, Select
 from bokeh.plotting import figure
 
-from taichi_plume.draw.objects import Scene
+from taichi_plume.draw.document import data_of
+from taichi_plume.draw.objects import Scene, named, names
 from taichi_plume.draw.runs import Run
 from taichi_plume.draw.workplace import Workplace
 from taichi_plume.execution.watch_file import Sight
@@ -107,7 +108,7 @@ class RunPanel:
             return
         digests = frozenset(findings.code.values())
         if not work.allow_code and not digests <= agreed:
-            words = " ".join([*findings.code, "Run it?"])
+            words = named(" ".join([*findings.code, "Run it?"]), names(data_of(text)))
             self.ask(words, lambda: self._start(text, digests), lambda: self.say("not run"))
             return
         try:

@@ -492,6 +492,21 @@ def test_code_that_changes_before_the_answer_is_asked_about_again(coded):
     assert started == [(page.workplace.text, flags_of(other))]
 
 
+def test_questions_and_messages_name_the_objects_of_their_text(coded):
+    page, _ = coded
+    asked = page.workplace.text
+    (name,) = {thing.name for thing in page.scene.things if thing.path == "robots[0]"}
+    page._run()
+    page._typed(asked.replace(name, "others"))
+    (page.workplace.folder / "mine.py").write_text(CODE + "# other\n")
+    assert page.scene.named("robots[0]") == "others"
+    page._yes()
+    assert page.banner.text.startswith(f"{name}, algorithm.file: {page.workplace.folder}")
+    page.say("robots[0].start: is wrong")
+    Page(Tab(), page.workplace)._typed(asked)
+    assert page.message.text == "others, start: is wrong", "also after the page has followed another text"
+
+
 def sight_at(t):
     gas = np.array([[0.0, 0.01], [10.0, 1e6]], np.float32)
     return Sight(t, 10.0, 0.1, 2.0, "running", gas, np.ones((4, 3)), np.ones((3, 2)), np.ones((5, 3)))
