@@ -1,5 +1,7 @@
 """The page without a browser: its views are always those of a fresh page on the same text; two tabs are alike."""
 
+import errno
+import os
 from hashlib import sha256
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_document import ROOT
 from test_edits import DRAGS, QUIET, points
-from test_workplace import killed
+from test_workplace import full, killed
 
 from taichi_plume.draw import edits, workplace
 from taichi_plume.draw.page import Page
@@ -619,10 +621,10 @@ def test_the_answer_to_a_question_about_a_draft(tmp_path):
 
 def test_a_draft_that_cannot_be_written_is_mentioned_until_it_can(page, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr("taichi_plume.draw.drafts.Draft.write", lambda *_: Path("/nowhere/x").write_bytes(b""))
+        patch.setattr(Path, "write_bytes", full)
         page._typed(ROOM + "# mine\n")
         page.say("")
-        assert "draft: No such file" in page.message.text
+        assert f"draft: {os.strerror(errno.ENOSPC)}" in page.message.text
     page.workplace.retry_draft()
     assert page.message.text == ""
 

@@ -265,23 +265,25 @@ def test_one_server_alone_is_asked_about_a_draft(place, tmp_path):
 def test_a_text_that_is_too_large_for_a_scenario_is_offered_again(place, tmp_path, size):
     text = f"{ROOM}#{'x' * size}\n"
     place.put(text)
+    killed(place)
+    assert offered(tmp_path) == [text]
     with pytest.raises(InputError, match="at most 4 MiB"):
         place.save()
     assert place.file.read_text() == ROOM
     _, findings = place.check()
     assert "4 MiB" in findings.remarks[0].line
-    killed(place)
-    assert offered(tmp_path) == [text]
+
+
+def full(path: Path, _: bytes) -> None:
+    """What a full disk does to `Path.write_bytes`."""
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
 
 def test_a_draft_that_cannot_be_written_is_reported_and_written_later(place, tmp_path, monkeypatch):
-    def full(path):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
-
     faults = []
     place.listeners.append(lambda: faults.append(place.drafts.fault))
     with monkeypatch.context() as patch:
-        patch.setattr("taichi_plume.files.disk.new_beside", full)
+        patch.setattr(Path, "write_bytes", full)
         place.put(edited(place))
         assert os.strerror(errno.ENOSPC) in faults[-1]
         place.retry_draft()
