@@ -52,7 +52,7 @@ class Odometry:
             if model is None:
                 continue
             errors[group.slice] = _drawn(model, group, seed)
-            variances[group.slice], deviations[group.slice] = _variances(model), _deviations(model)
+            variances[group.slice], deviations[group.slice] = model.variances, model.deviations
             errs[group.slice] = 1
             numbers[group.slice] = group.first + np.arange(group.size)
             streams[group.slice] = stream_id(f"group {group.number}/odometry")
@@ -78,23 +78,7 @@ class Odometry:
 def _drawn(model: Model, group: GroupRange, seed: int) -> np.ndarray:
     """Return random systematic errors a, b and c [rad/m] of each robot of the group, (size, 3)."""
     return np.concatenate(
-        [rng.normal(0.0, _deviations(model), (group.count, 3)) for rng in group.generators(seed, "wheels")]
-    )
-
-
-def _deviations(model: Model) -> tuple[float, float, float]:
-    """Return the standard deviations of the systematic errors a, b and c [rad/m] over the robots."""
-    return model.distance_scale, model.turn_scale, np.radians(model.veer_deg)
-
-
-def _variances(model: Model) -> tuple[float, float, float, float]:
-    """Return the coefficients k1 to k4 of the odometry variances."""
-    circle = 2.0 * np.pi
-    return (
-        np.radians(model.turn_noise_deg) ** 2 / circle,
-        np.radians(model.heading_noise_deg) ** 2,
-        model.distance_noise**2,
-        model.turning_distance_noise**2 / circle,
+        [rng.normal(0.0, model.deviations, (group.count, 3)) for rng in group.generators(seed, "wheels")]
     )
 
 

@@ -198,7 +198,38 @@ def test_frames_lead_from_the_map_to_the_sensors(said):
     for (_, moved), (_, odom) in zip(said["/tf"], said["/oxides_1/odom"], strict=True):
         assert [one.child_frame_id for one in moved.transforms] == [f"oxides_{k}/base_link" for k in (0, 1)]
         assert moved.transforms[1].transform.translation.x == odom.pose.pose.position.x
-        assert moved.transforms[1].header.frame_id == odom.header.frame_id == "map"
+        assert moved.transforms[1].header.frame_id == odom.header.frame_id == "oxides_1/odom"
+    ((origin, turn),) = {
+        (link.transform.translation.x, link.transform.rotation.w)
+        for link in still.transforms
+        if link.header.frame_id == "map" and link.child_frame_id in ("oxides_0/odom", "oxides_1/odom")
+    }
+    assert (origin, turn) == (0, 1), (
+        "readings stand where the robots believed to be, as in the maps of the run"
+    )
+
+
+def test_the_variance_of_the_heading_is_that_of_turns_and_paths(run, said):
+    """k1 |w| + k2 |s| of each step, var b (sum w)² + var c (sum s)² of all; none without odometry errors."""
+    (model,) = (group.odometry for group in open_run(run).scenario.robots if group.name == "oxides")
+    odom = said["/oxides_0/odom"]
+
+    def along(message):
+        speed = message.twist.twist.linear
+        return np.copysign(np.hypot(speed.x, speed.y), speed.x)  # walls may push it aside
+
+    turns, paths = (0.1 * numbers(odom, get) for get in (lambda m: m.twist.twist.angular.z, along))
+    k1, k2, *_ = model.variances
+    _, b, c = np.square(model.deviations)
+    wanted = (
+        np.cumsum(k1 * abs(turns) + k2 * abs(paths)) + b * np.cumsum(turns) ** 2 + c * np.cumsum(paths) ** 2
+    )
+    found = numbers(odom, lambda m: m.pose.covariance[35])
+    assert wanted[-1] > 1e-3
+    np.testing.assert_allclose(found, wanted, rtol=1e-3)
+    assert export.main([str(run), "--to", "mcap", "--trial", "0", "--out", str(run / "known")]) == 0
+    exact = [one for _, one in messages_of(run / "known")["/linear_0/odom"]]
+    assert not any(one.pose.covariance.any() or one.twist.covariance.any() for one in exact)
 
 
 def test_the_map_is_free_where_robots_can_be(said, tmp_path):

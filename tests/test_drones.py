@@ -200,6 +200,7 @@ def check_bag(folder):
     assert moved == pytest.approx([0.7] * 16, abs=1e-5)
     (still,) = (one.transforms for name, one in said if name == "/tf_static")
     assert {one.child_frame_id: one.transform.translation.z for one in still} == {
+        "flock_0/odom": 0.0,
         "flock_0/gas_sensor": 0.1,
         "flock_0/anemometer": 0.1,
     }

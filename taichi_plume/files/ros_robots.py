@@ -2,7 +2,9 @@
 
 map                     frame of the scenario's first map of ROS; without one, origin and axes of the domain
 domain                  instead of map in a bag, if that map's file cannot be read: origin and axes of the domain
-ROBOT/base_link         centre of the body, in 3-D of its lower end
+ROBOT/odom              the map as the robot believes it by its odometry, map itself at the start; live its transform
+                        corrects the odometry, as an ideal localiser would; in bags map and odom stay one
+ROBOT/base_link         centre of the body, in 3-D of its lower end; in ROBOT/odom the believed pose
 ROBOT/gas_sensor        first gas sensor; gas_sensor_1 the next, and so on. Lasers point along x
 ROBOT/anemometer
 """
@@ -21,7 +23,7 @@ from taichi_plume.scenario.obstacles import WallMap
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.sensors import Sensors
 
-BASE, GAS, WIND = "base_link", "gas_sensor", "anemometer"
+BASE, GAS, WIND, ODOM = "base_link", "gas_sensor", "anemometer", "odom"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 Fields = dict[str, object]
 """Fields of a message or of a part of one, by name."""

@@ -5,12 +5,13 @@ The bag holds one trial, with every message at its simulated time. Robot k of a 
     /GROUP_k/gas    olfaction_msgs/GasSensor: a resistance [ohm] of metal oxides, ppm m of lasers, ppm of others;
                     of the first sensor, /GROUP_k/gas_1 of the next, and so on
     /GROUP_k/wind   olfaction_msgs/Anemometer, in the sensor's frame
-    /GROUP_k/odom   nav_msgs/Odometry: believed pose, and velocities from it
+    /GROUP_k/odom   nav_msgs/Odometry: believed pose, velocities from it, and covariances from row to row
     /GROUP_k/truth  geometry_msgs/PoseStamped: true pose
 
-Common topics are /tf and /tf_static (map, GROUP_k/base_link, GROUP_k/gas_sensor, GROUP_k/anemometer), /clock and /map,
-occupied where no robot can be. A run with `fields` has the gas as points, /plume/SPECIES, and a run with `maps` the
-final gas maps, /gas_maps/map_N in percent of the peak and /gas_maps/map_N/cells as points.
+Common topics are /tf and /tf_static (map, GROUP_k/odom, GROUP_k/base_link, GROUP_k/gas_sensor, GROUP_k/anemometer),
+/clock and /map, occupied where no robot can be. The frame GROUP_k/odom is map: readings stand at their believed
+positions, as in the maps of the run. A run with `fields` has the gas as points, /plume/SPECIES, and a run with `maps`
+the final gas maps, /gas_maps/map_N in percent of the peak and /gas_maps/map_N/cells as points.
 """
 
 from collections.abc import Iterator
@@ -24,9 +25,11 @@ import numpy as np
 from taichi_plume import __version__
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.bag_writer import BagWriter, NoBagError, new_bag
+from taichi_plume.files.ros_odometry import ODOMETRY, DeadReckoning
 from taichi_plume.files.ros_robots import (
     BASE,
     GAS,
+    ODOM,
     TRANSFORMS,
     Fields,
     MapFrame,
@@ -43,9 +46,9 @@ from taichi_plume.scenario.gas_sensors import GasSensor
 from taichi_plume.scenario.metal_oxides import MOX_MODELS, MoxSensor
 from taichi_plume.scenario.robots import Group
 
+BELIEVED = ("believed_x", "believed_y", "z")  # m
 COLUMNS = ("t", "x", "y", "heading", "wind_x", "wind_y", "believed_x", "believed_y", "believed_heading")
-ODOMETRY, POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped"
-CLOCK = "rosgraph_msgs/msg/Clock"
+POSE, CLOCK = "geometry_msgs/msg/PoseStamped", "rosgraph_msgs/msg/Clock"
 LATEST = 2**31 - 1  # s, the largest time of ROS
 
 
@@ -83,7 +86,7 @@ def write(run: Run, out: Path, choice: Choice, force: bool = False) -> list[Path
         with new_bag(out, facts, force) as bag:
             _topics(bag, run, robots, gases, choice)
             plan, frame = floor(run, choice.allow_outside)
-            streams: list[Iterator[Stamped]] = [_still(run, robots, plan)]
+            streams: list[Iterator[Stamped]] = [_still(run, robots, plan, frame)]
             times = [float(t) for t in robots[0].table["t"]] if robots else run.fields.time.values.tolist()
             streams += [((t, "/clock", None) for t in times if t >= 0), _moving(robots, frame)]
             streams += [_readings(robot, frame) for robot in robots]
@@ -170,30 +173,24 @@ def _robots(run: Run, trial: int) -> list[Robot]:
     return robots
 
 
-def _still(run: Run, robots: list[Robot], plan: ros.Message) -> Iterator[Stamped]:
-    """Yield the ROS messages that do not change: the floor plan, and the frames of the sensors on their robots."""
+def _still(run: Run, robots: list[Robot], plan: ros.Message, frame: MapFrame) -> Iterator[Stamped]:
+    """Yield the ROS messages that do not change: the floor plan, and the frames of odometry and sensors."""
     yield 0.0, "/map", plan
     flat = run.scenario.domain.dim == 2
-    places = [frame for robot in robots for frame in carried(robot.name, robot.group.sensors, flat)]
-    if places:
-        yield 0.0, "/tf_static", ros.message(TRANSFORMS, transforms=places)
-
-
-def _believed(table: dict[str, np.ndarray], n: int, frame: MapFrame) -> tuple[dict[str, float], float]:
-    """Return position x, y, z [m] in the frame and heading [rad] in which a robot believed to be in table row n."""
-    place = frame.point(*(float(table[name][n]) for name in ("believed_x", "believed_y", "z")))
-    return place, float(table["believed_heading"][n])
+    links = [transform(frame.name, f"{robot.name}/{ODOM}", {}, ros.yawed(0.0)) for robot in robots]
+    links += [link for robot in robots for link in carried(robot.name, robot.group.sensors, flat)]
+    if links:
+        yield 0.0, "/tf_static", ros.message(TRANSFORMS, transforms=links)
 
 
 def _moving(robots: list[Robot], frame: MapFrame) -> Iterator[Stamped]:
     """Yield a /tf message per time with the poses that the robots believe to have."""
     for n, t in enumerate(robots[0].table["t"] if robots else ()):
-        now = [
-            (robot.name, *_believed(robot.table, n, frame)) for robot in robots if n < len(robot.table["t"])
-        ]
-        moved = [
-            transform(frame.name, f"{name}/{BASE}", place, ros.yawed(heading)) for name, place, heading in now
-        ]
+        moved: list[Fields] = []
+        for name, table in ((robot.name, robot.table) for robot in robots if n < len(robot.table["t"])):
+            place = frame.point(*(float(table[key][n]) for key in BELIEVED))
+            turn = ros.yawed(float(table["believed_heading"][n]))
+            moved.append(transform(f"{name}/{ODOM}", f"{name}/{BASE}", place, turn))
         yield float(t), "/tf", ros.message(TRANSFORMS, transforms=moved)
 
 
@@ -201,16 +198,11 @@ def _readings(robot: Robot, frame: MapFrame) -> Iterator[Stamped]:
     """Yield a robot's ROS messages: odometry, true pose and, after t = 0, gas and wind readings."""
     table, name = robot.table, robot.name
     gas_sensors = [_gas_sensor(robot, k, sensor) for k, sensor in enumerate(robot.group.sensors.noses)]
-    moving, turning = _speeds(table)
+    reckoning = DeadReckoning(robot.group.odometry, 1)
+    places, headings = np.column_stack([table[key] for key in BELIEVED]), table["believed_heading"]
     for n, t in enumerate(table["t"].tolist()):
-        place, heading = _believed(table, n, frame)
-        pose = {"position": place, "orientation": ros.yawed(heading)}
-        twist = {
-            "linear": dict(zip("xyz", moving[n].tolist(), strict=True)),
-            "angular": {"z": float(turning[n])},
-        }
-        head = {"header": ros.header(0.0, frame.name), "child_frame_id": f"{name}/{BASE}"}
-        yield t, f"/{name}/odom", ros.message(ODOMETRY, **head, pose={"pose": pose}, twist={"twist": twist})
+        reckoning.advance(t, places[n : n + 1], headings[n : n + 1])
+        yield t, f"/{name}/{ODOM}", ros.message(ODOMETRY, **reckoning.fields(0, name, frame))
         there = frame.point(*(float(table[axis][n]) for axis in "xyz"))
         true = {"position": there, "orientation": ros.yawed(float(table["heading"][n]))}
         yield t, f"/{name}/truth", ros.message(POSE, header=ros.header(0.0, frame.name), pose=true)
@@ -218,18 +210,11 @@ def _readings(robot: Robot, frame: MapFrame) -> Iterator[Stamped]:
             for topic, constant, raw in gas_sensors:
                 yield t, topic, ros.message(ros.GAS_SENSOR, raw=float(raw[n]), **constant)
             x, y = float(table["wind_x"][n]), float(table["wind_y"][n])
-            yield t, f"/{name}/wind", ros.message(ros.ANEMOMETER, **wind_fields(name, x, y, heading))
-
-
-def _speeds(table: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return velocities from successive believed poses: forward, left, up (n, 3) [m/s]; turn rate (n,) [rad/s]."""
-    dt = np.diff(table["t"])
-    turn = (np.diff(table["believed_heading"].astype(float)) + np.pi) % (2.0 * np.pi) - np.pi
-    course = table["believed_heading"][:-1] + 0.5 * turn
-    x, y = np.diff(table["believed_x"]), np.diff(table["believed_y"])
-    forward, left = x * np.cos(course) + y * np.sin(course), y * np.cos(course) - x * np.sin(course)
-    moved = np.column_stack([forward, left, np.diff(table["z"])]) / dt[:, None]
-    return np.vstack([np.zeros((1, 3)), moved]), np.append(0.0, turn / dt)
+            yield (
+                t,
+                f"/{name}/wind",
+                ros.message(ros.ANEMOMETER, **wind_fields(name, x, y, float(headings[n]))),
+            )
 
 
 def _gas_sensor(robot: Robot, k: int, sensor: GasSensor) -> tuple[str, Fields, np.ndarray]:

@@ -1,7 +1,7 @@
 """Groups of robots: start, algorithm, body, sensors, communication and odometry."""
 
 from collections.abc import Iterator
-from math import pi
+from math import pi, radians
 from typing import Annotated, Literal
 
 import numpy as np
@@ -52,6 +52,21 @@ class Odometry(Model):
     """Standard deviation of the heading after a metre driven; it grows with the root of the distance."""
     turn_noise_deg: si.AngleNoise = 2.0
     """Standard deviation of the heading after a full turn."""
+
+    @property
+    def deviations(self) -> tuple[float, float, float]:
+        """Standard deviations of the constant errors a, b [1] and c [rad/m] of `agents/odometry.py` over the robots."""
+        return self.distance_scale, self.turn_scale, radians(self.veer_deg)
+
+    @property
+    def variances(self) -> tuple[float, float, float, float]:
+        """Coefficients k1 [rad], k2 [rad²/m], k3 [m] and k4 [m²/rad] of the random errors of `agents/odometry.py`."""
+        return (
+            radians(self.turn_noise_deg) ** 2 / (2.0 * pi),
+            radians(self.heading_noise_deg) ** 2,
+            self.distance_noise**2,
+            self.turning_distance_noise**2 / (2.0 * pi),
+        )
 
 
 class Group(Model):

@@ -19,6 +19,7 @@ import numpy as np
 from taichi_plume.agents.external import LOST, ExternalAlgorithm, Orders
 from taichi_plume.execution.signals import SignalRequests
 from taichi_plume.files import ros_messages as ros
+from taichi_plume.files.ros_odometry import DeadReckoning
 from taichi_plume.files.ros_robots import MapFrame, sensor_fields
 from taichi_plume.guard.terminal import say
 from taichi_plume.serve import topics
@@ -71,6 +72,7 @@ class Outside:
         self.frame = frame
         self.noses = [sensor_fields(nose) for nose in group.model.sensors.noses]
         self.each = group.size <= topics.MOST_ROBOTS
+        self.reckoning = DeadReckoning(group.model.odometry, group.size)
         self.lost, self.over = np.zeros(group.size, bool), np.zeros(group.size, bool)
         self.times_lost = 0
 
@@ -89,9 +91,11 @@ class Outside:
         by_declaring = self.algorithm.members.groups[0].model.found == "declared"
         readings["over"] = self.over = readings["found"] | (by_declaring & (readings["declarations"] > 0))
         messages = [topics.readings(self.name, t, tick, readings, answered=inbox.number, lost=inbox.lost())]
-        return messages + list(
-            topics.of_each(self.name, t, readings, self.noses, self.frame) if self.each else []
-        )
+        if self.each:
+            place = np.column_stack([readings["believed_position"], readings["altitude"]])
+            self.reckoning.advance(t, place, readings["believed_heading"])
+            messages += topics.of_each(self.name, t, readings, self.noses, self.reckoning, self.frame)
+        return messages
 
     def order(self, t: float) -> list[str]:
         """Pass the clients' commands to the robots at time t [s]; return a line for robots that are lost or back."""
@@ -188,12 +192,8 @@ class Service:
         for group in self.groups:
             messages += group.readings(sim.t, sim.tick)
         if len(self._names) <= topics.MOST_ROBOTS:
-            now = sim.swarm.snapshot()
-            altitude = now.get("altitude", np.zeros(len(now["heading"])))
-            place, heading, z = (
-                values[self._first] for values in (now["position"], now["heading"], altitude)
-            )
-            messages.append(topics.poses(sim.t, self._names, place, heading, z, self._frame))
+            now = {name: values[self._first] for name, values in sim.swarm.snapshot().items()}
+            messages.append(topics.poses(sim.t, self._names, now, self._frame))
         speed = inf if self.pace.wait else self.pace.speed
         for group in self.groups:  # before sending: answers may arrive before the last message is out
             behind = ceil(group.inbox.timeout * speed / sim.dt) if speed < inf else 1 << 40

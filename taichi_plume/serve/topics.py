@@ -1,7 +1,8 @@
 """Topics of the live service, and construction of the outgoing ROS messages.
 
     - clock              rosgraph_msgs/Clock           simulated time
-    - tf                 tf2_msgs/TFMessage            poses of the robots of the first trial; frames: ros_robots.py
+    - tf                 tf2_msgs/TFMessage            true poses of the robots of the first trial, by way of the
+                                                       believed ones; frames: ros_robots.py
     - tf_static          tf2_msgs/TFMessage            positions of the sensors on the robots of the first trial
     - map                nav_msgs/OccupancyGrid        obstacles and walls
     - plume/SPECIES      sensor_msgs/PointCloud2       ppm at the height of the gas sensors, where LEAST or more
@@ -9,7 +10,7 @@
     - GROUP/commands     taichi_plume_msgs/Commands    incoming: commands to these robots
     - ROBOT/cmd_vel      geometry_msgs/Twist           incoming: velocity of one robot, if the group takes velocities
     - ROBOT/pose         geometry_msgs/PoseStamped     incoming: pose of one robot, if the group takes poses
-    - ROBOT/odom         nav_msgs/Odometry             pose of one robot
+    - ROBOT/odom         nav_msgs/Odometry             believed pose of one robot, velocity, covariances
     - ROBOT/gas          olfaction_msgs/GasSensor      ppm, or ppm m of lasers
     - ROBOT/gas_raw      olfaction_msgs/GasSensor      ohm, of metal oxides
     - ROBOT/wind         olfaction_msgs/Anemometer     in the frame of the robot
@@ -20,15 +21,17 @@ robots with several gas sensors, gas and gas_raw are of the first sensor, gas_1 
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from math import ceil
+from math import ceil, cos, sin
 from typing import NamedTuple
 
 import numpy as np
 
 from taichi_plume.files import ros_messages as ros
+from taichi_plume.files.ros_odometry import ODOMETRY, DeadReckoning
 from taichi_plume.files.ros_robots import (
     BASE,
     GAS,
+    ODOM,
     TRANSFORMS,
     MapFrame,
     carried,
@@ -98,17 +101,18 @@ def of_each(
     t: float,
     values: dict[str, np.ndarray],
     sensors: Sequence[Mapping[str, object]],
+    reckoning: DeadReckoning,
     frame: MapFrame,
 ) -> Iterator[Message]:
     """Yield ROS messages with the readings of each single robot; sensors: fields of each gas sensor's messages.
 
-    frame: of positions.
+    reckoning: odometry of the group's robots at t [s]; frame: of positions.
     """
     has_resistance = np.isfinite(values["resistance"])
     ohm = {"raw_units": ros.UNITS["ohm"]}
     for n in range(len(has_resistance)):
         robot = f"{group}_{n}"
-        yield _message(f"{robot}/odom", "nav_msgs/msg/Odometry", _odometry, robot, t, values, n, frame)
+        yield _message(f"{robot}/{ODOM}", ODOMETRY, reckoning.fields, n, robot, frame)
         for k, sensor in enumerate(sensors):
             gas = {"header": ros.header(t, f"{robot}/{numbered(GAS, k)}"), **sensor}
             topic = f"{robot}/{numbered('gas', k)}"
@@ -117,17 +121,6 @@ def of_each(
                 topic = f"{robot}/{numbered('gas_raw', k)}"
                 yield _message(topic, ros.GAS_SENSOR, _gas, gas | ohm, values["resistance"], n, k)
         yield _message(f"{robot}/wind", ros.ANEMOMETER, _wind, robot, t, values, n)
-
-
-def _odometry(
-    robot: str, t: float, values: dict[str, np.ndarray], n: int, frame: MapFrame
-) -> dict[str, object]:
-    x, y = values["believed_position"][n].tolist()
-    pose = {
-        "position": frame.point(x, y, float(values["altitude"][n])),
-        "orientation": ros.yawed(float(values["believed_heading"][n])),
-    }
-    return {"header": ros.header(t, frame.name), "child_frame_id": f"{robot}/{BASE}", "pose": {"pose": pose}}
 
 
 def _gas(about: dict[str, object], values: np.ndarray, n: int, k: int) -> dict[str, object]:
@@ -139,28 +132,35 @@ def _wind(robot: str, t: float, values: dict[str, np.ndarray], n: int) -> dict[s
     return wind_fields(robot, u, v, float(values["believed_heading"][n]), t)
 
 
-def poses(
-    t: float,
-    names: list[str],
-    position: np.ndarray,
-    heading: np.ndarray,
-    altitude: np.ndarray,
-    frame: MapFrame,
-) -> Message:
-    """Return the message with the robots' transforms: position (n, 2) [m], heading (n,) [rad], altitude (n,) [m]."""
-    places = np.column_stack([position, altitude])
-    return _message("tf", TRANSFORMS, _transforms, t, names, places, heading, frame)
+def poses(t: float, names: list[str], now: Mapping[str, np.ndarray], frame: MapFrame) -> Message:
+    """Return the message with the robots' transforms; now: columns of `Swarm.snapshot`, (n,) or (n, 2)."""
+    return _message("tf", TRANSFORMS, _transforms, t, names, now, frame)
 
 
 def _transforms(
-    t: float, names: list[str], places: np.ndarray, heading: np.ndarray, frame: MapFrame
+    t: float, names: list[str], now: Mapping[str, np.ndarray], frame: MapFrame
 ) -> dict[str, object]:
-    return {
-        "transforms": [
-            transform(frame.name, f"{name}/{BASE}", frame.point(*place), ros.yawed(angle), t)
-            for name, place, angle in zip(names, places.tolist(), heading.tolist(), strict=True)
+    """Return the transforms from the map to ROBOT/odom, the error of the odometry, and on to the believed pose."""
+    transforms = []
+    for n, name in enumerate(names):
+        x, y = now["position"][n].tolist()
+        true = frame.point(x, y)
+        z = float(now["altitude"][n]) if "altitude" in now else 0.0
+        x, y = now["believed_position"][n].tolist()
+        believed = frame.point(x, y, z)
+        heading = float(now["believed_heading"][n])
+        off = float(now["heading"][n]) - heading
+        shift = {
+            "x": true["x"] - cos(off) * believed["x"] + sin(off) * believed["y"],
+            "y": true["y"] - sin(off) * believed["x"] - cos(off) * believed["y"],
+            "z": 0.0,
+        }
+        odom = f"{name}/{ODOM}"
+        transforms += [
+            transform(frame.name, odom, shift, ros.yawed(off), t),
+            transform(odom, f"{name}/{BASE}", believed, ros.yawed(heading), t),
         ]
-    }
+    return {"transforms": transforms}
 
 
 def _message(

@@ -18,6 +18,7 @@ from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.radio import Radio
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.files.ros_odometry import DeadReckoning
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.kernels import compiled
 from taichi_plume.scenario.algorithms import SurgeCast
@@ -190,6 +191,37 @@ def test_other_errors_and_seeds_compile_nothing(crowd):
     assert (run(2) != first).any(axis=1).all()
     np.testing.assert_array_equal(run(1), first)
     assert compiled() == before
+
+
+# ---------------------------------------------------------------- covariances in ROS messages
+
+
+def test_published_covariances_are_those_of_the_errors(crowd):
+    """The squared error by the published covariance is chi-squared with three degrees of freedom, after each leg."""
+    model = Odometry(
+        distance_scale=0.02, turn_scale=0.02, veer_deg=0.5, distance_noise=0.01,
+        turning_distance_noise=0.01, heading_noise_deg=0.5, turn_noise_deg=2.0,
+    )  # fmt: skip
+    crowd.begin([group(model, MANY)], np.full((MANY, 2), SIZE / 2), np.full(MANY, 0.4), seed=3)
+    reckoning, tick = DeadReckoning(model, MANY), 0
+
+    def advance():
+        now = crowd.swarm.snapshot()
+        place = np.column_stack([now["believed_position"], np.zeros(MANY)])
+        reckoning.advance(0.1 * tick, place, now["believed_heading"])
+
+    advance()
+    for speed, turn_rate, ticks in ((0.5, 0.0, 30), (0.4, 0.8, 20), (0.0, -1.5, 10), (-0.3, 0.2, 30)):
+        for _ in range(ticks):
+            drive(crowd, speed, turn_rate, 0.1, 0.1)
+            tick += 1
+            advance()
+        place, turned, _ = errors(crowd)
+        error = np.column_stack([place, turned])
+        squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(reckoning.covariance), error)
+        assert squared.mean() == pytest.approx(3, abs=5 * np.sqrt(6 / MANY))
+        whitened = np.linalg.solve(np.linalg.cholesky(reckoning.covariance), error[..., None])[..., 0]
+        assert np.cov(whitened.T) == pytest.approx(np.eye(3), abs=TOLERANCE)
 
 
 # ---------------------------------------------------------------- none

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from taichi_plume.assembly.preparation import load
 from taichi_plume.files import ros_messages as ros
+from taichi_plume.files.ros_odometry import DeadReckoning
 from taichi_plume.files.ros_robots import MapFrame
 from taichi_plume.serve import topics
 from taichi_plume.serve.inbox import Inbox
@@ -31,6 +33,12 @@ def room(tmp_path):
     return tmp_path / "s.yaml"
 
 
+def parts_of(link):
+    """Return translation and rotation of a ROS Transform."""
+    at, turn = link.translation, link.rotation
+    return np.array([at.x, at.y, at.z]), Rotation.from_quat([turn.x, turn.y, turn.z, turn.w])
+
+
 def frame_of(room, *overrides) -> MapFrame:
     scenario, resources = load(room, overrides)
     return MapFrame.of(scenario, resources.obstacles)
@@ -44,18 +52,32 @@ def test_the_frame_is_that_of_the_imported_map(room):
 
 
 def test_a_robot_is_published_where_it_is_in_the_map(room):
-    """A robot at (3, 1.5) of the map is at (5, 2.5) in the domain."""
+    """A robot at (3, 1.5) of the map is at (5, 2.5) in the domain, and believes to be elsewhere in both."""
     frame = frame_of(room)
     place, heading, z = np.array([[5.0, 2.5]]), np.array([0.5]), np.array([0.2])
-    (moved,) = topics.poses(1.0, ["r_0"], place, heading, z, frame).make().transforms
-    at = moved.transform.translation
-    assert (moved.header.frame_id, at.x, at.y, at.z) == ("map", 3.0, 1.5, 0.2)
-    values = {
-        "believed_position": place, "believed_heading": heading, "altitude": z, "wind": np.zeros((1, 2)),
-        "resistance": np.full((1, 0), np.nan), "reading": np.zeros((1, 0)),
+    believed, course = np.array([[4.7, 2.9]]), np.array([-2.9])
+    now = {
+        "position": place, "heading": heading, "altitude": z,
+        "believed_position": believed, "believed_heading": course,
     }  # fmt: skip
-    odom = next(topics.of_each("r", 1.0, values, [], frame)).make()
-    assert (odom.pose.pose.position.x, odom.pose.pose.position.y) == (3.0, 1.5)
+    correction, moved = topics.poses(1.0, ["r_0"], now, frame).make().transforms
+    assert (correction.header.frame_id, correction.child_frame_id) == ("map", "r_0/odom")
+    assert (moved.header.frame_id, moved.child_frame_id) == ("r_0/odom", "r_0/base_link")
+    (shift, turn), (at, yaw) = (parts_of(link.transform) for link in (correction, moved))
+    assert at == pytest.approx([2.7, 1.9, 0.2])
+    assert yaw.as_rotvec() == pytest.approx([0, 0, -2.9])
+    assert turn.apply(at) + shift == pytest.approx([3.0, 1.5, 0.2])
+    assert (turn * yaw).as_rotvec() == pytest.approx([0, 0, 0.5])
+    known = now | {"believed_position": place, "believed_heading": heading}
+    shift, turn = parts_of(topics.poses(1.0, ["r_0"], known, frame).make().transforms[0].transform)
+    assert not shift.any()
+    assert not turn.as_rotvec().any(), "the odometry does not err"
+    values = {"wind": np.zeros((1, 2)), "resistance": np.full((1, 0), np.nan), "reading": np.zeros((1, 0))}
+    reckoning = DeadReckoning(None, 1)
+    reckoning.advance(1.0, np.column_stack([believed, z]), course)
+    odom = next(topics.of_each("r", 1.0, values, [], reckoning, frame)).make()
+    assert (odom.header.frame_id, odom.child_frame_id) == ("r_0/odom", "r_0/base_link")
+    assert [odom.pose.pose.position.x, odom.pose.pose.position.y] == pytest.approx(at[:2])
     grid = frame.grid(np.zeros((2, 3)), 0.1, -0.1, 0.0)
     assert (grid.info.origin.position.x, grid.info.origin.position.y) == pytest.approx((-2.1, -1.1))
     points = ros.points_of(frame.cloud({"x": place[:, 0], "y": place[:, 1], "z": z, "ppm": z}, 0.0))

@@ -11,6 +11,7 @@ from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_messages import points_of
 from taichi_plume.grid.fields import ppm_at
 from taichi_plume.scenario.loading import scenario_from
+from taichi_plume.scenario.robots import Odometry
 from taichi_plume.serve.service import Pace, Service
 
 pytest.importorskip("rosbags")
@@ -101,19 +102,19 @@ def made(taichi):
 
 @pytest.fixture
 def served(made):
-    def run(answer, pace=None, tick_s=0.01, unwanted=(), warm=True, timeouts=False):
+    def run(answer, pace=None, tick_s=0.01, unwanted=(), warm=True, timeouts=False, sim=made):
         clock = Clock(tick_s)
         robots = Robots(clock, answer)
         robots.unwanted = unwanted
         service = Service(pace or Pace(), [robots], not timeouts, clock, clock.sleep)
         if warm:
-            service.warm(made)
+            service.warm(sim)
         else:
-            made.reset()
-        service.attach(made, SignalRequests())
+            sim.reset()
+        service.attach(sim, SignalRequests())
         for group in service.groups if timeouts else ():
             group.inbox.clock = clock
-        made.run()
+        sim.run()
         service.close()
         return robots, service
 
@@ -220,10 +221,39 @@ def test_what_is_told_of_each_robot(served):
     assert wind.wind_speed == pytest.approx(np.hypot(now.wind_x[0], now.wind_y[0]))
     # it drives against the wind, so in its frame the air comes from ahead
     assert abs(wind.wind_direction) == pytest.approx(np.pi, abs=0.2)
-    assert [one.child_frame_id for one in decoded["tf"].transforms] == [
-        "my_team_0/base_link",
-        "my_team_1/base_link",
+    assert [(one.header.frame_id, one.child_frame_id) for one in decoded["tf"].transforms] == [
+        link
+        for n in (0, 1)
+        for link in (("map", f"my_team_{n}/odom"), (f"my_team_{n}/odom", f"my_team_{n}/base_link"))
     ]
+    assert odometry.header.frame_id == "my_team_1/odom"
+    assert odometry.twist.twist.linear.x == pytest.approx(0.1, abs=1e-4)
+    assert not odometry.pose.covariance.any(), "these robots know their poses"
+
+
+def test_tf_leads_to_the_true_pose_by_the_believed_one(served, made):
+    """Robots with odometry errors: the correction is an ideal localiser's, and the covariance grows."""
+    changed = scenario_from(SCENARIO).robots[0].model_copy(update={"odometry": Odometry(veer_deg=10)})
+    erring = assemble(made.scenario.model_copy(update={"robots": [changed]}), driven=True)
+    robots, _ = served(Robots.drive, sim=erring)
+    now = erring.swarm.snapshot()
+    variances = []
+    for n in (0, 1):
+        correction, moved = dict(robots.messages)["tf"].transforms[2 * n : 2 * n + 2]
+        at, shift = moved.transform.translation, correction.transform.translation
+        off = ros.yaw(correction.transform.rotation)
+        assert abs(off) > 1e-3
+        assert [at.x, at.y] == pytest.approx(now["believed_position"][n].tolist(), abs=1e-6)
+        there = (at.x + 1j * at.y) * np.exp(1j * off) + shift.x + 1j * shift.y
+        assert [there.real, there.imag] == pytest.approx(now["position"][n].tolist(), abs=1e-5)
+        heading = off + ros.yaw(moved.transform.rotation) - float(now["heading"][n])
+        assert np.exp(1j * heading) == pytest.approx(1, abs=1e-5)
+        odometry = [one for topic, one in robots.messages if topic == f"my_team_{n}/odom"]
+        variances.append([one.pose.covariance[35] for one in odometry])
+        path = now["odometer"][n]
+        _, k2, _, _ = Odometry().variances
+        assert variances[-1][-1] == pytest.approx(k2 * path + np.radians(10) ** 2 * path**2, rel=0.02)
+    assert (np.diff(variances, axis=1)[:, 2:] > 0).all()
 
 
 def test_what_nobody_wants_is_not_made(served, monkeypatch):
