@@ -14,7 +14,6 @@ dicts), and ``restore(state)``. Robots of a team (a group's robots in one trial)
 numbers as the class states, ``MESSAGE = 3``, within the group's `communication`.
 """
 
-import inspect
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,7 @@ from taichi_plume.agents.parameters import Parameters
 from taichi_plume.agents.radio import NEVER, Radio
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.files import checkpoint
-from taichi_plume.files.own_class import OwnAlgorithmError, failures_told
+from taichi_plume.files.own_class import OwnAlgorithmError, failures_told, file_of
 from taichi_plume.grid.state import saves_itself
 from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario.algorithms import Own
@@ -95,15 +94,6 @@ class Messages:
         self.heard_at[n, m] = t
 
 
-def _file_of(own: type) -> Path:
-    """Return the file of a class or, if it was typed into an interpreter or a notebook, the name of that input."""
-    try:
-        return Path(inspect.getsourcefile(own) or "?")
-    except (OSError, TypeError):
-        code = getattr(inspect.unwrap(vars(own).get("act", own)), "__code__", None)
-        return Path("?" if code is None else code.co_filename)
-
-
 def _parameters(group: Group) -> dict[str, Any]:
     """Return the keyword arguments of the user's class that drives a group."""
     return group.algorithm.parameters if isinstance(group.algorithm, Own) else {}
@@ -118,7 +108,7 @@ class OwnAlgorithm:
         self.swarm, self.members, self.own = swarm, members, own
         (group,) = members.groups
         self.size, self.start = group.size, group.start
-        self.path = _file_of(own)
+        self.path = file_of(own)
         self.flies = group.model.body.flies
         self.commands, goals = writable_columns(self.flies), GOALS if self.flies else ()
         self.readings = Rows(swarm, readable_columns(self.flies), group.start, group.size)

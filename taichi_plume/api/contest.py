@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from taichi_plume.api.study import raise_unless_done
 from taichi_plume.contests.execution import Choice, contest_of, play, settings_of
@@ -11,7 +12,7 @@ from taichi_plume.guard.safe_open import as_path
 
 
 def contest(
-    algorithms: Sequence[str] | None = None,
+    algorithms: Sequence[str | dict[str, Any]] | None = None,
     *,
     files: Sequence[str | Path] = (),
     policies: Sequence[str | Path] = (),
@@ -29,11 +30,12 @@ def contest(
 ) -> Standings:
     """Let search algorithms compete in the same scenarios, realisations of the air and starts; return the standings.
 
-    algorithms, scenarios: names of shipped ones, by default all. files: Python files with algorithms of your own, which
-    `allow_code` executes. policies: learnt policies, as ONNX files or scenarios whose robots run one. quick: one
-    scenario with few airs. airs: number in each scenario, by default 8; searches: number in each air, by default 8.
-    out: the contest's folder, which also receives contest.csv, contest.parquet and contest.html. The same call resumes
-    an interrupted contest. The other arguments, the warning of failed runs and the errors are those of `study`.
+    algorithms, scenarios: names of shipped ones, by default all; your classes are algorithms as `Own(Class)`. files:
+    Python files with algorithms of your own, which `allow_code` executes. policies: learnt policies, as ONNX files or
+    scenarios whose robots run one. quick: one scenario with few airs. airs: number in each scenario, by default 8;
+    searches: number in each air, by default 8. out: the contest's folder, which also receives contest.csv,
+    contest.parquet and contest.html. The same call resumes an interrupted contest. The other arguments, the warning of
+    failed runs and the errors are those of `study`.
 
     >>> import taichi_plume as tp
     >>> standings = tp.contest(
@@ -50,7 +52,7 @@ def contest(
     played = contest_of(choice)
     ends = list(play(played, settings))
     try:
-        standings = conclude(played, choice.command())
+        standings = conclude(played, choice.repetition())
     except (InputError, OSError):
         for end in ends:  # the first cause
             raise_unless_done(end)

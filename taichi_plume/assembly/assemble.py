@@ -22,7 +22,7 @@ from taichi_plume.assembly.resources import Resources
 from taichi_plume.assembly.solver_table import Context, make_gas, make_wind
 from taichi_plume.files.gaden import Cubes
 from taichi_plume.files.network import Network, NetworkError
-from taichi_plume.files.own_class import CLASSES
+from taichi_plume.files.own_class import CLASSES, NO_CLASS
 from taichi_plume.files.trajectories import Way
 from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.grid import kernels
@@ -284,9 +284,7 @@ def _drivers(
         if path in resources.ways:
             recorded[group.name] = resources.ways[path]
         if kind == "own" and group.name not in own:
-            faults.append(
-                f"{path}: no class was given; name a Python file with file: FILE.py (from Python: taichi_plume.Own)"
-            )
+            faults.append(f"{path}: {NO_CLASS}")
         if kind == "policy" and group.name not in networks:
             what = "none is given, the policy is still to be learnt; learn it in an environment of taichi_plume.envs"
             faults.append(f"{path}.file: {what}")

@@ -36,7 +36,7 @@ def _contest(args: argparse.Namespace) -> int:
     contest = contest_of(choice)
     code = max(print_end(end, args.quiet, report=False) for end in play(contest, settings))
     try:
-        standings = conclude(contest, choice.command())
+        standings = conclude(contest, choice.repetition())
     except RunFolderError:
         if code == 130:  # before any run
             return code

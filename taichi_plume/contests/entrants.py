@@ -12,12 +12,14 @@ from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
 from taichi_plume.contests.fixed_scenarios import NAMES, Fixed
-from taichi_plume.files.own_class import OwnAlgorithmError, OwnFile
+from taichi_plume.files.own_class import CLASSES, NO_CLASS, OwnAlgorithmError, OwnFile
 from taichi_plume.guard.safe_open import unopenable
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.algorithms import Algorithm
+from taichi_plume.scenario.changes import shown
 from taichi_plume.scenario.loading import ScenarioError, read_mapping
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm
+from taichi_plume.studies.given_classes import GivenClass, is_given, labels
 
 FLOOR = "random_walk"
 """Baseline: an algorithm that is not better gains nothing from the gas."""
@@ -111,33 +113,63 @@ def _require_open(path: Path) -> None:
 
 
 def entrants(
-    names: Sequence[str] | None, files: Sequence[Path], policies: Sequence[Path] = ()
+    algorithms: Sequence[str | dict[str, Any]] | None, files: Sequence[Path], policies: Sequence[Path] = ()
 ) -> list[Entrant]:
-    """Return the shipped entrants, all or those of `names`, and the user's entrants. Raises ScenarioError."""
+    """Return the contest's entrants: shipped ones and the user's. Raises ScenarioError.
+
+    algorithms: names of shipped ones and sections of classes (`taichi_plume.Own`); None for all shipped ones.
+    """
     there = {entrant.name: entrant for entrant in shipped()}
-    chosen = known("algorithm", names, list(there)) if names else there
+    names = [name for name in algorithms or () if isinstance(name, str)]
+    chosen = there if algorithms is None else known("algorithm", names, list(there))
     found = [both for name in chosen for both in _both(there[name])]
     taken = {*kinds(), *(both.name for entrant in there.values() for both in _both(entrant))}
-    for path, mine in [*((path, own(path)) for path in files), *((path, learnt(path)) for path in policies)]:
+    classes = [section for section in algorithms or () if not isinstance(section, str)]
+    users = [(entrant.name, "class", entrant) for entrant in _of_classes(classes)]
+    users += [(visible(path), "file", own(path)) for path in files]
+    users += [(visible(path), "file", learnt(path)) for path in policies]
+    for where, what, mine in users:
         for entrant in _both(mine):
             if entrant.name in taken:
                 other = f"another algorithm of the contest is called {visible(entrant.name)}"
-                raise ScenarioError([f"{visible(path)}: {other}; rename the file"])
+                raise ScenarioError([f"{where}: {other}; rename the {what}"])
             found.append(entrant)
             taken.add(entrant.name)
     return found
 
 
+def _of_classes(sections: Sequence[dict[str, Any]]) -> list[Entrant]:
+    """Return the entrants of classes that Python code gave. Raises ScenarioError for other sections."""
+    for section in sections:
+        if not is_given(section):
+            raise ScenarioError(
+                [f"algorithms: got {shown(section)}; give names, or classes by taichi_plume.Own"]
+            )
+    return [Entrant(name, section) for name, section in zip(labels(sections), sections, strict=True)]
+
+
 def _both(base: Entrant) -> tuple[Entrant, ...]:
     """Return an entrant and, if the algorithm can declare the source, the variant judged by its declarations."""
     section = base.section
-    if section["kind"] == "own":
+    if is_given(section):
+        speaks = "declare" in _class_of(section).used
+    elif section["kind"] == "own":
         speaks = b".declare(" in OwnFile.read(Path(section["file"]), None).source
     elif section["kind"] == "policy":
         speaks = bool(section.get("declares"))
     else:
         speaks = kinds()[section["kind"]].model_validate(section).may_declare
     return (base, base._replace(name=f"{base.name}_declares", found="declared")) if speaks else (base,)
+
+
+def _class_of(section: dict[str, Any]) -> GivenClass:
+    """Return the class of a section that Python code gave. Raises ScenarioError if other processes cannot have it."""
+    try:
+        return GivenClass.of(CLASSES[section["name"]])
+    except KeyError:
+        raise ScenarioError([f"algorithms: {shown(section)}: {NO_CLASS}"]) from None
+    except OwnAlgorithmError as error:
+        raise ScenarioError([f"algorithms: {error}"]) from None
 
 
 def scenarios(names: Sequence[str] | None, unless: Sequence[str]) -> list[str]:

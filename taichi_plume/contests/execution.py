@@ -4,9 +4,10 @@ The folder holds `scenarios/NAME.yaml` and `NAME.study.yaml`, the folder `NAME` 
 `contest.parquet` and `contest.html`. Runs, airs, workers and resuming work as in studies.
 """
 
+import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import yaml
 from pydantic import Field
@@ -16,7 +17,7 @@ from taichi_plume.contests import AIRS, QUICK_AIRS, QUICK_SEARCHES, SEARCHES
 from taichi_plume.contests.entrants import Entrant, entrants, scenarios
 from taichi_plume.contests.fixed_scenarios import NAMES, QUICK, Fixed, fixed
 from taichi_plume.files import disk, own_folder
-from taichi_plume.files.own_class import OwnFile
+from taichi_plume.files.own_class import CLASSES, OwnFile
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.safe_open import unopenable
 from taichi_plume.guard.terminal import notebook_display, say, visible
@@ -33,10 +34,11 @@ SCENARIOS = "scenarios"
 AXIS = "algorithm"
 MOST = 4096  # airs, and searches
 _NAMES = Annotated[list[str], Field(min_length=1)] | None
+_ALGORITHMS = Annotated[list[str | dict[str, Any]], Field(min_length=1)] | None
 _COUNT = Annotated[int, Field(ge=1, le=MOST, strict=True)] | None
 _SEED = Annotated[int, Field(ge=0, lt=1 << 32, strict=True)] | None
 KINDS = {
-    "algorithms": _NAMES,
+    "algorithms": _ALGORITHMS,
     "scenarios": _NAMES,
     "files": list[Path],
     "policies": list[Path],
@@ -48,14 +50,15 @@ KINDS = {
 
 
 class Choice(NamedTuple):
-    """Options of a contest. algorithms, scenarios: names, None for all; files, policies: of the user's algorithms.
+    """Options of a contest. algorithms: names, and sections of classes; scenarios: names; None for all. files,
+    policies: of the user's algorithms.
 
     quick: one scenario with few airs; seed: of airs, starts and noise; airs: number in each scenario; searches: number
     in each air.
     """
 
     out: Path = Path("contest")
-    algorithms: Sequence[str] | None = None
+    algorithms: Sequence[str | dict[str, Any]] | None = None
     files: Sequence[str | Path] = ()
     policies: Sequence[str | Path] = ()
     scenarios: Sequence[str] | None = None
@@ -65,17 +68,35 @@ class Choice(NamedTuple):
     searches: int | None = None
     allow_code: bool = False
 
-    def command(self) -> list[str]:
-        """Return the command line of the contest as a list of words."""
+    def repetition(self) -> str:
+        """Return the command line that repeats the contest or, if Python code gave classes, the call of Python."""
+        if any(not isinstance(algorithm, str) for algorithm in self.algorithms or ()):
+            return self._call()
         words = ["python", "-m", "taichi_plume.contest"]
         for name, files in (("--algorithm", self.files), ("--policy", self.policies)):
             words += [word for file in files for word in (name, str(file))]
         words += ["--allow-code"] * self.allow_code + ["--quick"] * self.quick
         for name, names in (("--scenarios", self.scenarios), ("--algorithms", self.algorithms)):
-            words += [name, ",".join(names)] if names is not None else []
+            words += [name, ",".join(map(str, names))] if names is not None else []
         numbers = {"--seed": self.seed, "--airs": self.airs, "--searches": self.searches}
         words += [word for name, n in numbers.items() if n is not None for word in (name, str(n))]
-        return [*words, "--out", str(self.out)]
+        return shlex.join([*words, "--out", str(self.out)])
+
+    def _call(self) -> str:
+        algorithms = ", ".join(map(_call_of, self.algorithms or ()))
+        keys = {key: value for key, value in self._asdict().items() if value != self._field_defaults[key]}
+        keys |= {key: list(map(str, keys[key])) for key in ("files", "policies") if key in keys}
+        keys |= {"out": str(self.out)}
+        others = [f"{key}={value!r}" for key, value in keys.items() if key != "algorithms"]
+        return f"tp.contest({', '.join([f'[{algorithms}]', *others])})"
+
+
+def _call_of(algorithm: str | dict[str, Any]) -> str:
+    """Return the Python text of an entry of `Choice.algorithms`."""
+    if isinstance(algorithm, str):
+        return repr(algorithm)
+    parameters = [f"{key}={value!r}" for key, value in algorithm["parameters"].items()]
+    return f"tp.Own({', '.join([CLASSES[algorithm['name']].__name__, *parameters])})"
 
 
 class Contest(NamedTuple):

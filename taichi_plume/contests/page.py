@@ -1,6 +1,5 @@
 """HTML page of a contest of search algorithms (`contest.html`), self-contained, and the standings in the terminal."""
 
-import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -30,17 +29,17 @@ WORDS = (ERROR, FALSE, DECLARED, REACHED, NEITHER)
 """Quantities of algorithms that declare a position of the source."""
 
 
-def write(contest: Contest, rows: Sequence[Row], command: Sequence[str]) -> Path:
-    """Write a contest's HTML page; return its path. command: to repeat the contest. Raises OSError, ScenarioError."""
+def write(contest: Contest, rows: Sequence[Row], again: str) -> Path:
+    """Write a contest's HTML page; return its path. again: how to repeat the contest. Raises OSError, ScenarioError."""
     runs, left = sum(row.runs for row in rows), sum(row.failed + row.missing for row in rows)
     return html.write(
-        contest.out / f"{NAME}.html", _sections(contest, rows, command),
+        contest.out / f"{NAME}.html", _sections(contest, rows, again),
         name="Contest of search algorithms", what="taichi_plume", about="Page of a contest of taichi_plume",
         status=f"{runs - left:,} of {runs:,} runs", good=not left,
     )  # fmt: skip
 
 
-def _sections(contest: Contest, rows: Sequence[Row], command: Sequence[str]) -> Iterator[Section]:
+def _sections(contest: Contest, rows: Sequence[Row], again: str) -> Iterator[Section]:
     yield _whole(contest, rows)
     for scenario in contest.scenarios:
         mine = [row for row in rows if row.scenario == scenario.name]
@@ -48,7 +47,7 @@ def _sections(contest: Contest, rows: Sequence[Row], command: Sequence[str]) -> 
             yield _scenario(contest, scenario, mine)
     yield _failures(rows)
     yield Section("How it was measured", "measured", lines=list(captions.MEASURED))
-    yield Section("How to repeat it", "again", lines=[shlex.join(command)], code=True)
+    yield Section("How to repeat it", "again", lines=[again], code=True)
 
 
 def _whole(contest: Contest, rows: Sequence[Row]) -> Section:

@@ -1,6 +1,6 @@
 """Standings of a contest: a row per algorithm and scenario, from the records in the studies' folders."""
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -145,10 +145,10 @@ class Standings:
         return "\n".join([self._brief.to_string(index=False), *self._notes])
 
 
-def conclude(contest: Contest, command: Sequence[str]) -> Standings:
+def conclude(contest: Contest, again: str) -> Standings:
     """Write contest.csv, contest.parquet and the page of the finished runs; equal rows make equal tables.
 
-    command: to repeat the contest, for the page. Raises RunFolderError, OSError.
+    again: how to repeat the contest, for the page. Raises RunFolderError, OSError.
     """
     from taichi_plume.contests import page
 
@@ -162,5 +162,5 @@ def conclude(contest: Contest, command: Sequence[str]) -> Standings:
         table.to_csv(fresh, index=False, lineterminator="\n", float_format="%.6g")
     with disk.written_whole(contest.out / f"{NAME}.parquet") as fresh:
         table.to_parquet(fresh, index=False)
-    page.write(contest, started, command)
+    page.write(contest, started, again)
     return standings

@@ -3,6 +3,7 @@
 import ast
 import dis
 import hashlib
+import inspect
 import sys
 import traceback
 from collections.abc import Collection, Iterator
@@ -34,12 +35,25 @@ Permission = bool | Collection[str]
 """Permission to execute Python files: all or none, or only those with one of these SHA-256."""
 CLASSES: dict[str, type] = {}
 """Classes of users' algorithms that Python code has passed, by name."""
+NO_CLASS = "no class was given; name a Python file with file: FILE.py (from Python: taichi_plume.Own)"
+"""Error of a section that names no file, and no class of `CLASSES`."""
 
 
 def register(algorithm: type) -> str:
     """Put a class into `CLASSES` and return its name there: of two classes of one name, the second is NAME_2."""
     names = (f"{algorithm.__name__}_{n}" if n > 1 else algorithm.__name__ for n in count(1))
     return next(name for name in names if CLASSES.setdefault(name, algorithm) is algorithm)
+
+
+def file_of(algorithm: type) -> Path:
+    """Return the file of a class or, if it was typed into an interpreter or a notebook, the name of that input."""
+    code = getattr(inspect.unwrap(vars(algorithm).get("act", algorithm)), "__code__", None)
+    if code is not None:
+        return Path(code.co_filename)
+    try:
+        return Path(inspect.getsourcefile(algorithm) or "?")
+    except (OSError, TypeError):
+        return Path("?")
 
 
 class OwnAlgorithmError(RuntimeError):

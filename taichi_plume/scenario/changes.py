@@ -111,7 +111,7 @@ def _below(value: Data, key: str, steps: Steps, exact: bool, above: int) -> Any:
     The values of a study's axis are exact if the axis varies such a parameter.
     """
     part = value[key]
-    if exact or _is_parameter(steps):
+    if exact or _is_parameter(steps) or (key == "parameters" and value.get("kind") == "own"):
         return yaml_value(part, steps, True, above)
     paths = [value.get("key"), *(value.get("keys") or ())] if key == "values" else []
     if any(isinstance(path, str) and _is_parameter([path]) for path in paths):

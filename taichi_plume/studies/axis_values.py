@@ -1,6 +1,5 @@
 """Resolve the axes of a study: convert values to SI units as the scenario does, and report invalid values."""
 
-import json
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -13,6 +12,7 @@ from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Model
 from taichi_plume.studies.axes import DIGITS, Level, Levels, Range
+from taichi_plume.studies.given_classes import labels
 from taichi_plume.studies.messages import Data, Value
 from taichi_plume.studies.study_keys import Study, StudyAxis, canonical
 
@@ -113,10 +113,10 @@ class _Resolving:
         return self._range(name, axis, values, unit)
 
     def _levels(self, name: str, axis: StudyAxis, values: list[Any]) -> list[Level]:
-        """Return an axis's values with their scenario changes. With a list or section, all are named by JSON."""
+        """Return an axis's values with their scenario changes. With a list or section, `labels` names all."""
         assert axis.values is not None
         plain = all(isinstance(value, Value) and not _too_large(value) for value in values)
-        shown_values: list[Value] = values if plain else [json.dumps(value) for value in axis.values]
+        shown_values: list[Value] = values if plain else [*labels(axis.values)]
         for n, value in enumerate(shown_values):
             if value in shown_values[:n]:
                 self.faults.append(f"axes.{name}.values[{n}]: {shown(axis.values[n])} occurs twice")

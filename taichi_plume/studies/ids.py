@@ -8,6 +8,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from taichi_plume import __version__
@@ -22,6 +23,7 @@ from taichi_plume.studies.study_keys import SEEDS
 HEX = 16  # digits of an id
 OUTPUTS = ("name", "recording", "forces", "fields", "plumesim_log", "checkpoint")
 """Sections that affect only which files a run writes."""
+EMPTY: Mapping[str, str] = MappingProxyType({})
 OF_AIR = ("duration", "warm_up", "tick", "domain", "wind", "obstacles", "gas")
 OF_WAKES = ("arena", "robots", "rivals")
 """Sections that affect the air as well if robots have wakes."""
@@ -57,19 +59,25 @@ class Digests:
         self.folder = folder
         self._known: dict[Path, str] = {}
 
-    def ids(self, scenario: Scenario, opened: Mapping[str, Sequence[Path]]) -> Ids:
-        """Return the hashes of a scenario and its input files; opened: files by path of the key. Raises OSError."""
+    def ids(
+        self, scenario: Scenario, opened: Mapping[str, Sequence[Path]], classes: Mapping[str, str] = EMPTY
+    ) -> Ids:
+        """Return the hashes of a scenario and its input files. Raises OSError.
+
+        opened: files by path of the key; classes: digests of classes that Python code gave, by path of the key.
+        """
         data = scenario.model_dump(mode="json")
-        read = {
+        read: dict[str, object] = {
             where: [self._of(file) for file in read_for(where, name, self.folder, opened)]
             for where, name in input_files(scenario)
         }
+        read |= classes
         data = _rounded(changed(data, read))
         wakes = any(group.wake for group in scenario.robots)
         return Ids(
             _hash({key: value for key, value in data.items() if key not in (*OUTPUTS, *SEEDS)}),
             _hash({key: data[key] for key in (*OF_AIR, *(OF_WAKES if wakes else ()))}),
-            # with files: a worker outlives changes of files that it has read
+            # with files and classes: a worker outlives changes of files that it has read
             _hash([structure(scenario), list(read.items())]),
             scenario.air_by_chance,
             wakes,

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 from taichi_plume.files.own_class import Permission
+from taichi_plume.studies.given_classes import PickledClass
 
 Value = float | int | str | bool
 Data = dict[str, Any]
@@ -47,7 +48,8 @@ class Request(NamedTuple):
 
 class Options(NamedTuple):
     """Options that all runs of a study share. out: folder of the study; keep: names of the files to keep of each run;
-    outcomes: paths in result.json, or `probes.NAME.QUANTITY`, by name in the records.
+    outcomes: paths in result.json, or `probes.NAME.QUANTITY`, by name in the records; classes: algorithms that Python
+    code gave, by name in the scenarios.
     """
 
     out: Path
@@ -55,6 +57,7 @@ class Options(NamedTuple):
     outcomes: dict[str, str]
     allow_code: Permission
     allow_outside: bool
+    classes: dict[str, PickledClass]
 
 
 class Task(NamedTuple):

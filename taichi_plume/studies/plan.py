@@ -24,6 +24,7 @@ from taichi_plume.scenario.vocabulary import Model
 from taichi_plume.studies.air_plan import differs
 from taichi_plume.studies.axes import Levels, Point, Range, count_of, points
 from taichi_plume.studies.axis_values import resolve
+from taichi_plume.studies.given_classes import PickledClass
 from taichi_plume.studies.ids import Digests, Ids
 from taichi_plume.studies.messages import Axis, Data, Request
 from taichi_plume.studies.outcomes import OutcomeCheck
@@ -40,6 +41,7 @@ SEARCH_STEP = 1_000_003  # difference between the seeds of searches in one air
 SEED_RANGE = 1 << 32
 MOST_VALUES = 3  # values of an axis listed in an error
 LARGEST_TEXT = 1 << 24  # most bytes of a file that the study's folder gets a copy of
+CLASSES_TEXT = "classes.py"  # source text of classes that Python code gave, in the study's folder
 STUDY_NEEDS = "a study needs at least name, base and axes"
 WHOLE = TypeAdapter(int).validate_python
 NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
@@ -52,7 +54,8 @@ Source = str | Path | Mapping[str, object]
 class Plan(NamedTuple):
     """A study with all its runs. file: study.yaml; folder: folder of the base; base: data of the base scenario.
 
-    texts: content of the study's file and of the base's, by their names in the study's folder. runs, points: numbers of
+    texts: content of the study's file and of the base's, by their names in the study's folder. classes: those that
+    Python code gave, by the names in the scenarios. runs, points: numbers of
     all runs and of all combinations of axis values but seeds; checked: number of those that were checked. Only the runs
     of these are in `requests`.
     """
@@ -64,6 +67,7 @@ class Plan(NamedTuple):
     axes: tuple[Axis, ...]
     requests: tuple[Request, ...]
     texts: dict[str, bytes]
+    classes: dict[str, PickledClass]
     runs: int
     points: int
     checked: int
@@ -209,7 +213,10 @@ class _Planning:
         if same:
             raise ScenarioError([same])
         texts = texts | {"base.yaml": base.text}
-        counts = runs, len(combinations), len(chosen)
+        classes = self.checks.classes
+        if classes.found:
+            texts[CLASSES_TEXT] = classes.text().encode(errors="replace")
+        counts = classes.pickled(), runs, len(combinations), len(chosen)
         return Plan(study, file, base.folder, base.data, tuple(columns(axes)), requests, texts, *counts)
 
     # ------------------------------------------------------------ checks
@@ -256,7 +263,7 @@ class _Planning:
         return found, [*refused.lines(), *(requested.lines if scenario is not None else [])]
 
     def _ids(self, scenario: Scenario, files: Mapping[str, Sequence[Path]]) -> Ids:
-        study, ids = self.study, self.digests.ids(scenario, files)
+        study, ids = self.study, self.digests.ids(scenario, files, self.checks.classes.digests(scenario))
         film_differs = study.share_air == "always" and differs(scenario, study.outcomes, study.keep)
         return ids.shown() if film_differs else ids
 

@@ -11,6 +11,7 @@ from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.gases import PlaybackGas
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.studies.given_classes import GivenClasses
 
 MOST_CACHED = 16  # scenarios whose files stay in memory: films and meshes are large
 
@@ -19,11 +20,13 @@ class Checks:
     """Checks of scenarios whose files lie in `folder`, as by `prepare.checked`.
 
     The resources depend only on the sections that name files, the obstacles, the species and the domain. Only the first
-    of several scenarios with equal such sections opens these files (meshes, films and the like).
+    of several scenarios with equal such sections opens these files (meshes, films and the like). classes: those that
+    Python code gave, pickled for the workers.
     """
 
     def __init__(self, folder: Path, allow_outside: bool):
         self.folder, self.allow_outside = folder, allow_outside
+        self.classes = GivenClasses()
         self._known: OrderedDict[tuple[str, ...], Prepared] = OrderedDict()
 
     def checked(self, scenario: Scenario) -> Prepared:
@@ -31,7 +34,7 @@ class Checks:
         faults = checks.early_errors(scenario)
         if not faults:
             prepared = self.prepared(scenario)
-            faults = checks.errors(*prepared) + _classes(scenario)
+            faults = checks.errors(*prepared) + self.classes.errors(scenario)
             if not faults:
                 return prepared
         raise ScenarioError(faults)
@@ -50,15 +53,6 @@ class Checks:
         played = {path: gas for path, gas in known.scenario.gases if isinstance(gas, PlaybackGas)}
         completed = scenario.with_gases(played)
         return Prepared(completed, replace(known.resources, scenario=completed))
-
-
-def _classes(scenario: Scenario) -> list[str]:
-    """Return a line for each algorithm given as a class of this process: other processes make the runs of a study."""
-    return [
-        f"robots[{n}].algorithm: a study needs the class in a Python file; give kind: own, file: FILE.py"
-        for n, group in enumerate(scenario.robots)
-        if isinstance(group.algorithm, Own) and not group.algorithm.file
-    ]
 
 
 def _reads(scenario: Scenario) -> tuple[str, ...]:

@@ -114,7 +114,9 @@ def _schedule(
 
     study, out = plan.study, settings.out.resolve()
     paths = {path: path for path in study.outcomes.values()}  # names of columns may change later
-    options = Options(out, tuple(study.keep), paths, settings.allow_code, settings.allow_outside)
+    options = Options(
+        out, tuple(study.keep), paths, settings.allow_code, settings.allow_outside, plan.classes
+    )
     try:
         with closing(_workers(plan, settings, signals, len(missing), display)) as workers:
             signals.hasty = True  # a first signal ends the scheduler in order, a second one at once

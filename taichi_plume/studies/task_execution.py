@@ -20,6 +20,7 @@ from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.maps import MapScores
 from taichi_plume.studies import shared_air
+from taichi_plume.studies.given_classes import load_given
 from taichi_plume.studies.messages import Cost, Outcomes, Record, Request, Row, Task
 from taichi_plume.studies.simulation_cache import WARM, CachedSimulation
 from taichi_plume.studies.store import KEPT_FOLDER, forget_failed, leave_failed
@@ -76,6 +77,7 @@ class _Run:
             return known
         prepared = checked(scenario, task.folder, task.options.allow_outside)
         execute(prepared, task.options.allow_code)
+        load_given(prepared, task.options.classes)
         player = None if film is None else shared_air.put(film, prepared.scenario)
         return WARM.add(self.key, prepared, player)
 

@@ -151,14 +151,6 @@ def test_threads_may_execute_studies_at_once(tmp_path):
     assert dict(os.environ) == environment
 
 
-class Stay:
-    """Algorithm of this process."""
-
-    def act(self, robots) -> None:
-        """Stay."""
-        robots.speed[:] = 0.0
-
-
 @pytest.mark.parametrize(
     ("study", "parts"),
     [
@@ -181,14 +173,6 @@ def test_bad_studies_are_refused_before_anything_is_written(tmp_path, monkeypatc
         tp.study(STUDY, workers=2, scheduler="tcp://127.0.0.1:1")
     assert len(caught.value.lines) == 1
     assert all(part in caught.value.lines[0] for part in parts), caught.value.lines
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_class_of_this_process_is_refused(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    base = tp.Scenario.from_dict(BASE).with_({"robots.0.algorithm": tp.Own(Stay)})
-    with pytest.raises(tp.ScenarioError, match=r"robots\[0\]\.algorithm.*file"):
-        tp.study({"name": "a", "base": base, "axes": {"t": {"key": "duration", "values": [1, 2]}}})
     assert not list(tmp_path.iterdir())
 
 

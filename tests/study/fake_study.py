@@ -43,7 +43,7 @@ def plan_of(folder: Path, told: dict[str, Any]) -> Any:
     return SimpleNamespace(
         study=study, file=folder / "study.yaml", folder=folder, base={"duration": 60.0} | told.get("base", {}),
         axes=(Axis("speed", "m/s", False),), requests=requests,
-        texts=texts,
+        texts=texts, classes={},
     )  # fmt: skip
 
 

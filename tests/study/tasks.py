@@ -27,6 +27,6 @@ def task(
     **options: Any,
 ) -> Task:
     """Runs of a structure in the folder `out`."""
-    given = {"keep": (), "outcomes": {}, "allow_code": False, "allow_outside": False}
+    given = {"keep": (), "outcomes": {}, "allow_code": False, "allow_outside": False, "classes": {}}
     requests = tuple(request(n, one, structure) for n, one in enumerate(changes))
     return Task(dict(base), out, requests, Options(out=out, **(given | options)), film)

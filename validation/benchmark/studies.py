@@ -56,7 +56,7 @@ def main(arguments: Sequence[str]) -> int:
 
 def _task(base: Keys, file: Path, out: Path, runs: int, film: Path | None = None) -> Task:
     """Return a task of `runs` searches with different seeds in one flow, played from `film` if given."""
-    options = Options(out, (), {}, False, True)
+    options = Options(out, (), {}, False, True, {})
     seed = base.get("air_seed", base["seed"])
     requests = tuple(
         Request(f"{n:016x}", n, 0, {}, n, seed, "air", True, {"seed": n, "air_seed": seed}, "one")
