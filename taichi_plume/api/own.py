@@ -12,7 +12,8 @@ def Own(algorithm: type, **parameters: Any) -> dict[str, object]:
 
     algorithm: class with the method ``act(robots)``, see `Robots`; parameters: keyword arguments of its constructor, as
     YAML can hold them. Another class of the same name gets a number after its name. In a file the section needs the key
-    `file`, so that a run can be repeated from its scenario.yaml. Raises ScenarioError if there is no method `act`.
+    `file`, so that a run can be repeated from its scenario.yaml. Studies and contests send the class to their workers.
+    Raises ScenarioError if there is no method `act`.
 
     >>> import taichi_plume as tp
     >>> class Wait:

@@ -111,7 +111,8 @@ class Simulation:
     def step(self, ticks: int = 1) -> None:
         """Advance by a number of time steps (ticks of `scenario.tick`), or to the end.
 
-        Raises InputError, UnstableError, and TurnError while another thread steps a simulation.
+        Raises InputError, UnstableError, and TurnError while another thread of the process steps, resets or changes a
+        simulation.
         """
         ticks = load_part(ticks, "ticks", TICKS)
         with self._turn():
@@ -171,9 +172,9 @@ class Simulation:
         """Give keys other values while the simulation runs, such as ``{"gas.sources.0.rate": "20 mg/s"}``.
 
         Air, gas and robots stay as they are; the new values hold from now on. All keys can be changed that a `reset`
-        can change, except those that act at the start alone: seeds, warm-up, starts, initial conditions. Parameters of
-        an `Own` class can change if it has the methods state() and restore(state). Raises ScenarioError, and the
-        simulation stays as it was.
+        can change, except those that act at the start alone: `seed`, `air_seed`, `warm_up`, and each `start` and
+        `initial`; use `reset` for these. Parameters of an `Own` class can change if it has the methods state() and
+        restore(state). Raises TurnError, see `step`, and ScenarioError; the simulation then stays as it was.
         """
         loop, old = self.loop, self.scenario
         scenario = old.with_(changes)

@@ -1,10 +1,13 @@
 """tp.Simulation with algorithms of one's own: changes during a run, groups of one algorithm, classes of one name."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
 import taichi_plume as tp
 from taichi_plume.files.own_class import OwnAlgorithmError
+from taichi_plume.scenario.vocabulary import AT_START, Model, marked
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -90,6 +93,21 @@ def test_other_parameters_need_a_state_that_can_be_moved():
     assert saved.t == pytest.approx(1.3)
     saved.step()
     assert saved.loop.swarm.speed_command.to_numpy()[0] == pytest.approx(14 * 0.02)
+
+
+def sections(model: type[Model] = Model) -> Iterator[type[Model]]:
+    for below in model.__subclasses__():
+        yield below
+        yield from sections(below)
+
+
+def test_the_documentation_names_the_keys_that_cannot_change_during_a_run():
+    refused = {
+        key for model in sections() for key in model.model_fields if marked(model, key, AT_START)
+    }  # fmt: skip
+    assert {"seed", "warm_up", "start", "initial"} <= refused
+    for key in refused:
+        assert f"`{key}`" in str(tp.Simulation.change.__doc__)
 
 
 @pytest.mark.parametrize(
