@@ -67,12 +67,10 @@ class GivenClass(NamedTuple):
     @classmethod
     def of(cls, algorithm: type) -> "GivenClass":
         """Pickle a class. Raises OwnAlgorithmError if this is impossible."""
-        import cloudpickle
-
         name, walk = algorithm.__name__, _Walk()
         try:
             with _by_value(algorithm.__module__):
-                pickled = PickledClass(name, cloudpickle.dumps(algorithm), PYTHON)
+                pickled = PickledClass(name, _pickled(algorithm), PYTHON)
                 digest = walk.digest(algorithm)
         except Exception as error:  # objects that the class uses may raise anything
             what = " ".join(f"{type(error).__name__}: {error}".split())
@@ -175,6 +173,26 @@ def _by_value(module: str) -> Iterator[None]:
     finally:
         if by_name:
             cloudpickle.unregister_pickle_by_value(sys.modules[module])
+
+
+def _pickled(algorithm: type) -> bytes:
+    """Return a class as bytes of cloudpickle, whose code keeps the names of files for messages about errors."""
+    import cloudpickle
+
+    class Pickler(cloudpickle.Pickler):
+        def reducer_override(self, obj: Any) -> Any:
+            if isinstance(obj, CodeType):
+                arguments: Any = self.dispatch_table[CodeType](obj)[1]
+                return _code, (obj.co_filename, *arguments)
+            return super().reducer_override(obj)
+
+    content = BytesIO()
+    Pickler(content).dump(algorithm)
+    return content.getvalue()
+
+
+def _code(file: str, *arguments: Any) -> CodeType:
+    return CodeType(*arguments).replace(co_filename=file)
 
 
 class _Walk:

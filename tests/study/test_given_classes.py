@@ -246,6 +246,17 @@ def test_what_is_no_algorithm_is_refused(tmp_path):
             entrants([given], [])
 
 
+def test_an_error_in_a_class_is_where_its_text_is(tmp_path):
+    algorithm = typed(CELL.replace("        chosen =", "        robots.nowhere\n        chosen ="))
+    name = algorithm.act.__code__.co_filename  # type: ignore[attr-defined]
+    line = 1 + CELL[: CELL.index("        chosen =")].count("\n")
+    plan = load_plan(study_of(tp.Own(algorithm)))
+    (record,) = execute_task(
+        tasks.task(plan.base, [plan.requests[0].changes], tmp_path, classes=plan.classes)
+    )
+    assert record.message.startswith(f"{name}, line {line}: AttributeError")
+
+
 @pytest.mark.slow
 def test_a_study_of_a_class_goes_on_and_refuses_another(tmp_path):
     out, keep = tmp_path / "out", {"keep": ["robots.parquet"]}
