@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from decimal import Decimal
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +13,12 @@ import taichi_plume as tp
 from taichi_plume.grid.engine import ThreadError
 
 HUGE = 10**5000
+SEVEN: Any = np.int64(7)  # numpy's numbers pass, although the signatures name Python's types
+HALF: Any = np.float32(0.5)
 PATHS = [5, b"x", [], object(), "a\0b", "\ud800", "x" * 5000]
 NUMBERS = [-1, float("nan"), float("inf"), "nan", "two", b"3", [1], {}, HUGE, object(), "1\0"]
+NO_TICKS: list[Any] = [1.5, True, None, Decimal(1)]
+NO_CHANGES: list[Any] = [5, "a", [1], b"a"]
 
 
 def refused(call: Callable[[], object], *words: str) -> None:
@@ -87,7 +92,7 @@ def test_overrides(overrides):
 def test_values_beside_overrides_keep_their_type():
     scenario = tp.load_scenario(DATA, ["duration=1", "robots.0.count=1", "duration=2"])
     assert scenario.duration == 2.0
-    sim = tp.Simulation(DATA, overrides=["seed=1"], seed=np.int64(7), duration="1 s")
+    sim = tp.Simulation(DATA, overrides=["seed=1"], seed=SEVEN, duration="1 s")
     assert (sim.scenario.seed, sim.scenario.duration) == (7, 1.0)
 
 
@@ -100,19 +105,19 @@ def test_a_simulation(tmp_path):
         refused(lambda number=number: sim.run(until=number), "until")
         refused(lambda number=number: sim.every(number, print), "every")
         refused(lambda number=number: sim.write(tmp_path / "a.zarr", every=number), "every")
-    for number in (1.5, True, None, Decimal(1)):
+    for number in NO_TICKS:
         refused(lambda number=number: sim.step(number), "ticks")
     refused(lambda: sim.run(until=0.1), "until", "0.1 s", "0.3 s")
     for path in PATHS:
         refused(lambda path=path: sim.write(path), "path")
-    for changes in (5, "a", [1], b"a"):
+    for changes in NO_CHANGES:
         refused(lambda changes=changes: sim.change(changes))
         refused(lambda changes=changes: sim.reset(overrides=changes))
     assert sim.t == pytest.approx(0.3)
-    sim.run(until=np.float32(0.5))
+    sim.run(until=HALF)
     sim.run(until="0.5 s")
-    sim.step(np.int64(1))
-    assert sim.t == pytest.approx(0.6)
+    sim.step(SEVEN)
+    assert sim.t == pytest.approx(1.2)
     assert not list(tmp_path.iterdir())
 
 
@@ -135,12 +140,18 @@ def test_a_function_of_every_cannot_advance_its_simulation(use):
 def test_one_thread_at_a_time_steps():
     """The other one gets an error of ours, and may step later."""
     first, second = tp.Simulation(DATA), tp.Simulation(DATA)
+    uses: list[Callable[[], object]] = [
+        second.step,
+        second.run,
+        second.reset,
+        lambda: second.robots,
+        lambda: second.wind,
+    ]
     caught: list[BaseException | None] = []
     with ThreadPoolExecutor(1) as threads:
 
         def beside(_: object) -> None:
-            for use in (second.step, second.run, second.reset, lambda: second.robots, lambda: second.wind):
-                caught.append(threads.submit(use).exception())
+            caught.extend(threads.submit(use).exception() for use in uses)
 
         first.every(10.0, beside)
         first.run()  # calls at the start and at the end

@@ -306,10 +306,9 @@ def test_more_points_in_airs_of_the_same_seeds_make_no_narrower_interval(tmp_pat
 
 
 @pytest.mark.parametrize("base", [{}, {"duration": 10}])
-def test_the_longest_run_may_have_its_duration_from_an_axis(base):
-    plan = made_study.plan({}, [()], airs=2)
-    durations = ("90 s", "2 min")
+def test_the_longest_run_may_have_its_duration_from_an_axis(plan, base):
     plan.base = base
+    durations = ["90 s", "2 min"] + ["1 min"] * (len(plan.requests) - 2)
     plan.requests = [
         request._replace(changes={"duration": duration})
         for request, duration in zip(plan.requests, durations, strict=True)
