@@ -7,11 +7,13 @@ from typing import Any
 
 from taichi_plume.envs.task import require
 from taichi_plume.files.disk import written_whole
+from taichi_plume.guard.safe_open import as_path
 from taichi_plume.guard.terminal import visible
 
 
 def export_onnx(policy: Any, path: Path | str, entries: int | None = None) -> Path:
     """Write a policy to an ONNX file of one input, `observation`, and one output, `action`; see `envs.export_onnx`."""
+    path = as_path(path, "path")
     for package in ("torch", "onnx", "onnxscript"):
         require(package)
     import torch  # pyright: ignore[reportMissingImports]
@@ -42,9 +44,9 @@ def export_onnx(policy: Any, path: Path | str, entries: int | None = None) -> Pa
             verbose=False,
         )
         content = file.read_bytes()
-    with written_whole(Path(path)) as fresh:
+    with written_whole(path) as fresh:
         fresh.write_bytes(content)
-    return Path(path)
+    return path
 
 
 def _layers(policy: Any, entries: int | None) -> tuple[list[Any], int]:

@@ -15,7 +15,7 @@ from pettingzoo.test import parallel_api_test
 from small_task import TASK, task
 
 import taichi_plume.envs
-from taichi_plume.envs import ID, parallel_env
+from taichi_plume.envs import ID, parallel_env, picture
 from taichi_plume.envs.step_kernel import INFO
 from taichi_plume.envs.task import Options
 from taichi_plume.envs.truth import KEYS
@@ -137,10 +137,10 @@ def test_a_picture_shows_the_world(made):
     assert first.shape == (240, 400, 3)
     engine = env.unwrapped.episodes
     x, y = np.array(engine.swarm.position[0]) / 2.0 * 400
-    np.testing.assert_array_equal(first[239 - int(y), int(x)], [30, 60, 200])
+    np.testing.assert_array_equal(first[239 - int(y), int(x)], picture.ROBOT)
     (place,) = engine.bank.sources[0][int(engine.info["source"][0])]
     x, y = place / 2.0 * 400
-    np.testing.assert_array_equal(first[239 - int(y), int(x)], [20, 120, 30])
+    np.testing.assert_array_equal(first[239 - int(y), int(x)], picture.SOURCE)
     for _ in range(3):
         env.step(np.array([1.0, 0.0], np.float32))
     assert (env.render() != first).any()

@@ -7,12 +7,21 @@ import pytest
 
 from taichi_plume.envs import export_onnx
 from taichi_plume.files.network import Network
+from taichi_plume.guard.input_error import InputError
 
 
 def test_a_missing_package_is_named_with_its_extra(tmp_path, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(ImportError, match=r'torch is not installed; pip install "taichi_plume\[learn\]"'):
         export_onnx(SimpleNamespace(), tmp_path / "policy.onnx")
+
+
+@pytest.mark.parametrize("path", [5, "a\0.onnx", b"policy.onnx"])
+def test_a_path_that_no_file_can_have_is_refused(path):
+    with pytest.raises(InputError) as error:
+        export_onnx(SimpleNamespace(), path)
+    (line,) = error.value.lines
+    assert line.startswith("path: got ")
 
 
 def test_other_policies_are_refused(tmp_path):
@@ -30,7 +39,9 @@ def test_other_policies_are_refused(tmp_path):
 def test_a_module_keeps_its_actions(tmp_path):
     torch = pytest.importorskip("torch")
     pytest.importorskip("onnxscript")
+    torch.manual_seed(1)
     module = torch.nn.Sequential(torch.nn.Linear(5, 8), torch.nn.Tanh(), torch.nn.Linear(8, 2)).train()
+    module[2].weight.data *= 4.0  # some actions lie beyond the limits
     path = export_onnx(module, str(tmp_path / "policy.onnx"), 5)
     assert module.training
     network = Network.read(path)
