@@ -41,8 +41,13 @@ def _refusal(file: OwnFile, allow: Permission) -> str:
             f"{file.path} is not the Python code that was allowed: its SHA-256 is {file.digest[:DIGITS]}... now; "
             "look at it, then allow it again"
         )
+    return not_allowed(str(file.path))
+
+
+def not_allowed(file: str) -> str:
+    """Return the line about a Python file that the user has not allowed to be executed."""
     return (
-        f"{file.path} holds Python code, which runs with all your rights; look at it, then add --allow-code "
+        f"{file} holds Python code, which runs with all your rights; look at it, then add --allow-code "
         "(in Python: allow_code=True)"
     )
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import yaml
 from pydantic import Field
 
-from taichi_plume.assembly.own_code import has_permission
+from taichi_plume.assembly.own_code import has_permission, not_allowed
 from taichi_plume.contests import AIRS, QUICK_AIRS, QUICK_SEARCHES, SEARCHES
 from taichi_plume.contests.entrants import Entrant, entrants, scenarios
 from taichi_plume.contests.fixed_scenarios import NAMES, QUICK, Fixed, fixed
@@ -146,8 +146,7 @@ def _allowed(choice: Choice) -> tuple[str, ...]:
     """Return the SHA-256 of the Python files with algorithms. Raises ScenarioError if the user does not allow them."""
     files = {path: OwnFile.read(path, None) for path in map(Path, choice.files)}
     refused = [
-        f"{path}: holds Python code, which runs with all your rights; look at it, then add --allow-code "
-        "(in Python: allow_code=True)"
+        not_allowed(str(path))
         for path, file in files.items()
         if not choice.allow_code and not has_permission(str(path), file.digest)
     ]

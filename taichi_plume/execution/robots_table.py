@@ -43,14 +43,11 @@ class RobotTable(GrowingTable):
         groups = sim.swarm.groups
         states = sim.state_names()
         listed = [name for names in states for name in names]
-        once = list(
-            dict.fromkeys(listed)
-        )  # groups of one algorithm have the same names; pandas takes each only once
-        names = {"group": pa.array([g.name for g in groups]), "state": pa.array(once)}
-        self.name_numbers = np.array([once.index(name) for name in listed])
+        distinct = list(dict.fromkeys(listed))  # groups may share names; pandas takes each only once
+        names = {"group": pa.array([g.name for g in groups]), "state": pa.array(distinct)}
+        self.name_numbers = np.array([distinct.index(name) for name in listed])
         self.columns = [quantity for quantity in sim.swarm.columns if quantity.table]
-        all_states = list(dict.fromkeys(name for names in states for name in names))
-        fields = [field for quantity in self.columns for field in _fields(quantity, all_states)]
+        fields = [field for quantity in self.columns for field in _fields(quantity, distinct)]
         super().__init__(path, [*WHO, *fields], names, count)
         group = np.concatenate([np.full(g.count * g.trials, n) for n, g in enumerate(groups)])
         self.first_state = np.cumsum([0, *[len(names) for names in states]])[:-1][group]

@@ -28,9 +28,7 @@ from taichi_plume.guard.safe_open import open_regular
 ROW_GROUP = 50_000
 CHECKSUM = b"crc32"  # key of the metadata of each record batch of a stream
 NAMES = pa.dictionary(pa.int32(), pa.string())
-VOCABULARY = (
-    "vocabulary"  # key of the metadata of a column of names: all names that may occur, as a JSON list
-)
+VOCABULARY = "vocabulary"  # key of a column's metadata: all names that may occur, as a JSON list
 FAULTS = (pa.ArrowException, OSError, ValueError, LookupError, MemoryError)
 """Errors of reading a damaged table."""
 

@@ -16,8 +16,8 @@ from taichi_plume.record.recording_reader import Arrows, Picture
 from taichi_plume.report.films import film
 from taichi_plume.report.html import data_url
 from taichi_plume.report.plume import PlumeView, Scene, figure_of, view_in
+from taichi_plume.report.theme import ANYWHERE, Place, figure_around, styled
 from taichi_plume.report.theme import LETTERS as SIZES
-from taichi_plume.report.theme import Place, figure_around, styled
 from taichi_plume.results.run import Run
 from taichi_plume.results.tracks import Track
 
@@ -43,7 +43,6 @@ class Shown(NamedTuple):
 
 
 DEFAULT = Shown()
-ANYWHERE = Place()
 
 
 class Film(NamedTuple):

@@ -34,7 +34,6 @@ LETTER, LOWEST = 0.075, 1.0  # inches: a letter's width; the height of a picture
 BESIDE, BELOW, ON_TOP = 0.6, 0.5, 0.68  # inches around the axes, for letters of 9 points
 BAR = 1.15
 CROWDED = 1.6  # width of a legend over that of the figure, from which it has two rows
-LEAST = 0.5  # inches: width and height of the smallest axes
 
 
 class Present(NamedTuple):
@@ -178,7 +177,7 @@ def figure_of(
     ways = [high - low for low, high in (_around(side, max(sides)) for side in sides)]
     broad = width - left - right
     if height is not None:
-        theme.require_size((width, height), (left + right + LEAST, below + above + LEAST))
+        theme.require_size((width, height), (left + right, below + above))
     room = 1.05 * width if height is None else height - below - above
     tall = min(broad * ways[1] / ways[0], room)
     high_up = max(tall, letters * LOWEST)  # a narrow plane has the height of its colour bar

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
 MOST_LABELS = 8  # obstacles, openings etc.; beyond this number, names are left out
 WIDE, MOST_TALL, LEFT, RIGHT, BELOW = 7.2, 9.0, 0.55, 0.1, 0.48  # inches of a drawing, and around its axes
-LEAST = 0.5  # inches: width and height of the smallest drawing
-ANYWHERE = theme.Place()
 MARGIN = 0.09  # around a room, for names, over its longer side
 MOST_BODIES = 60  # robots whose starts are drawn one by one
 
@@ -100,7 +98,7 @@ def figure_of(
     shapes: Sequence[Shape],
     dpi: float = 110,
     numbers: Sequence[tuple[int, tuple[float, ...]]] = (),
-    place: theme.Place = ANYWHERE,
+    place: theme.Place = theme.ANYWHERE,
 ) -> Figure:
     """Return a figure of the scene: seen from above and, in 3-D, below that seen from the side, on the same scale.
 
@@ -118,7 +116,7 @@ def figure_of(
     tall, around = sum(way[1] for way in ways), BELOW * len(planes) + 0.1
     room = MOST_TALL if height is None else height - around
     if place.figsize is not None:
-        theme.require_size(place.figsize, (LEFT + RIGHT + LEAST, around + LEAST))
+        theme.require_size(place.figsize, (LEFT + RIGHT, around))
     scale = min((wide - LEFT - RIGHT) / ways[0][0], room / tall)
     height = scale * tall + around if height is None else height
     with theme.styled():
@@ -147,7 +145,7 @@ def save_check(prepared: "Prepared", fresh: Path) -> None:
         fresh.write_bytes(theme.png(checked_figure(prepared, 150)))
 
 
-def checked_figure(prepared: "Prepared", dpi: float = 110, place: theme.Place = ANYWHERE) -> Figure:
+def checked_figure(prepared: "Prepared", dpi: float = 110, place: theme.Place = theme.ANYWHERE) -> Figure:
     """Return a figure of a checked scenario; its warnings are marked by numbers. place: as of `figure_of`."""
     numbers = numbered(prepared.resources.warnings, prepared.scenario, prepared.resources)
     return figure_of(prepared.scenario, all_shapes(prepared), dpi, numbers, place)

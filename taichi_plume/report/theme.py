@@ -41,7 +41,7 @@ SOLID_EDGE, START, TRUE_GAS = "#5d6875", "#5d6875", "#c3cad2"
 ERROR, UNLIKELY = "#d32f2f", "#b26a00"
 """Text of errors and of warnings on a page."""
 WIND, BREEZE = "#27445f", "#2778b5"
-MOST_INCHES = 200.0
+LEAST_INCHES, MOST_INCHES = 0.5, 200.0  # width and height of the smallest axes, of the largest figure
 LONGEST_NAME = 24  # letters, in a figure
 LETTERS = {"font.size": 9.0, "axes.titlesize": 10.0, "axes.labelsize": 9.0, "legend.fontsize": 8.0}
 TEXT_AS_TEXT: Any = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none"}
@@ -122,8 +122,12 @@ class Place(NamedTuple):
         return cls(None, (sizes[0], sizes[1]))
 
 
-def require_size(figsize: tuple[float, float], least: tuple[float, float]) -> None:
-    """Raise InputError if a figure is smaller than `least`, both width and height [inches]."""
+ANYWHERE = Place()
+
+
+def require_size(figsize: tuple[float, float], around: tuple[float, float]) -> None:
+    """Raise InputError if a figure has no room for axes; around: what its margins take, width and height [inches]."""
+    least = around[0] + LEAST_INCHES, around[1] + LEAST_INCHES
     if figsize[0] < least[0] or figsize[1] < least[1]:
         allowed = f"at least {least[0]:.2g} by {least[1]:.2g} inches"
         raise InputError(f"figsize: got ({figsize[0]:g}, {figsize[1]:g}); allowed are {allowed}")

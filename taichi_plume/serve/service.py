@@ -146,7 +146,8 @@ class Service:
 
     def attach(self, sim: TimeLoop, signals: SignalRequests) -> None:
         self.sim, self.signals = sim, signals
-        self._frame = MapFrame.of(sim.scenario, sim.obstacles)
+        view = topics.View(sim)
+        self._frame = view.frame
         for team in sim.teams:
             if isinstance(team.algorithm, ExternalAlgorithm):
                 remark = self.remarks.append
@@ -164,7 +165,6 @@ class Service:
         self._first = np.concatenate(first_trials or [np.zeros(0, int)])
         self._names = [f"{ros.word(group.name)}_{n}" for group in groups for n in range(group.count)]
         sim.observers.insert(0, Every(sim.dt, lambda _: self.publish()))  # before files are written
-        view = topics.View(sim)
         sim.observers.append(Every(VIEW_S, lambda _: self._send(view.messages())))
         sim.observers.append(Every(sim.dt, lambda _: self.keep_time()))
         gc.collect()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from pydantic import Field
 
+from taichi_plume.assembly.own_code import not_allowed
 from taichi_plume.execution.signals import SignalRequests, handling_signals
 from taichi_plume.files.own_class import Permission
 from taichi_plume.files.run_folder import RunFolderError
@@ -207,11 +208,7 @@ def _require_allowed(plan: "Plan", settings: Settings) -> None:
         return
     files = _own_files([plan.base, *(request.changes for request in plan.requests)])
     if files:
-        what = (
-            "holds Python code, which runs with all your rights; check the code, then add --allow-code (in Python: "
-            "allow_code=True)"
-        )
-        raise ScenarioError([f"{visible(file)}: {what}" for file in sorted(files)])
+        raise ScenarioError([not_allowed(visible(file)) for file in sorted(files)])
 
 
 def _own_files(data: object) -> set[str]:

@@ -112,7 +112,7 @@ def test_code_needs_leave(case, capsys):
     write(case, ROOM | {"robots": [robot]})
     assert main(["study.yaml"]) == 2
     said = capsys.readouterr().err
-    assert "own.py: holds Python code" in said
+    assert "own.py holds Python code" in said
     assert "--allow-code" in said
     assert not (case / "studies").exists()
 
