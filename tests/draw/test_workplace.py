@@ -160,10 +160,10 @@ def killed(place: Workplace) -> None:
         draft.release()
 
 
-def offered(folder: Path) -> list[str | None]:
+def offered(folder: Path) -> list[str]:
     """Texts that the next server offers, the first first; all are refused but in the files."""
     place = Workplace(folder, folder / "room.yaml")
-    texts = [draft.text for draft in reversed(place.drafts.waiting)]
+    texts = [draft.text or "" for draft in reversed(place.drafts.waiting)]
     killed(place)
     return texts
 
