@@ -257,13 +257,17 @@ class TimeLoop:
         """Advance the simulation by a time step (tick): air, robots, sensors, maps and algorithms."""
         self._advance_air(self.t, self.dt)
         self.tick += 1
-        if self.tick <= 0:
-            return  # warm-up without robots
+        if self.tick > 0:  # the warm-up has no robots
+            self.advance_robots(self.teams)
+
+    @one_blas_thread
+    def advance_robots(self, teams: Sequence[Team]) -> None:
+        """Carry out the time step that ends at the present time: robots, sensors, maps, and algorithms of `teams`."""
         self.swarm.move(self.tick, self.t, self.dt)
         self.sensors.measure(self.gas, self.wind, self.tick, self.t)
         for gas_map in self.maps:
             gas_map.update(self.swarm, self.t, self.dt)
-        for team in self.teams:
+        for team in teams:
             team.act(self.tick, self.t, self.dt)
 
     def _advance_air(self, t: float, dt: float) -> None:

@@ -14,6 +14,7 @@ from taichi_plume.assembly.preparation import Prepared
 from taichi_plume.execution import result
 from taichi_plume.execution.outputs import About, Outputs
 from taichi_plume.execution.progress import NotebookBar, TerminalBar, progress_bar
+from taichi_plume.execution.rehearsal import rehearse
 from taichi_plume.execution.signals import (
     SignalRequests,
     handling_signals,
@@ -186,6 +187,7 @@ def _build(job: Job) -> TimeLoop:
     sim = build(job.prepared, driven=job.service is not None)
     if job.service is not None:
         job.service.warm(sim)
+        rehearse(sim)
     gc.enable()
     return sim
 
