@@ -1,6 +1,7 @@
 """The examples that travel with the package: their names, files and kinds; the command lists, runs and copies them."""
 
 import re
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -142,3 +143,10 @@ def test_a_copy_overwrites_no_file(tmp_path, monkeypatch, capsys):
     assert command(["examples", "--copy", "studies/wind_speeds"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert {path.stem for path in Path().iterdir()} == {"small_room", "sensitivity", "wind_speeds"}
+
+
+def test_a_copy_overwrites_no_file_that_appears_after_the_check(tmp_path, monkeypatch):
+    mine, copied = tmp_path / "casting_room.yaml", shutil.copyfile
+    monkeypatch.setattr(shutil, "copyfile", lambda *paths: (mine.write_text("mine"), copied(*paths)))
+    assert command(["examples", "--copy", "casting_room", "--out", str(tmp_path)]) != 0
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {mine.name: "mine"}

@@ -1,5 +1,6 @@
 """Simulation of a scenario step by step, to look at, to change and to record while it runs."""
 
+import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
@@ -236,8 +237,9 @@ class Simulation:
         from taichi_plume.execution.robots_table import RobotTable
 
         path, loop = as_path(path, "path"), self.loop
-        if path.exists():
-            raise InputError(f"{path}: exists already; choose another name, or remove it")
+        taken = InputError(f"{path}: exists already, or is being written; choose another name, or remove it")
+        if os.path.lexists(path):
+            raise taken
         interval: float | None = load_part(every, "every", si.Duration | None)
         if interval is not None and interval < loop.dt * (1 - SHORTEST):
             raise InputError(f"{path}: every: got {interval:g} s; it must be at least a tick, {loop.dt:g} s")
@@ -256,7 +258,10 @@ class Simulation:
             raise InputError(f"{path}: {what}")
         observer = table.observer()
         assert isinstance(observer, Every)
-        table.start()
+        try:
+            table.start()
+        except FileExistsError:
+            raise taken from None
         loop.observers.append(observer)
         self._tables.append(table)
 

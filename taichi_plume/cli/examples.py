@@ -108,7 +108,7 @@ def _copy(chosen: Example, out: Path) -> int:
     for path, file in copies.items():
         if path not in same:
             path.parent.mkdir(parents=True, exist_ok=True)
-            with written_whole(path) as fresh:
+            with written_whole(path, replace=False) as fresh:
                 shutil.copyfile(file, fresh)
         say(f"{path}: {'unchanged' if path in same else 'copied'}")
     say(f"use: {KINDS[chosen.kind].use.format(main_copy)}")

@@ -47,7 +47,7 @@ def new_folder_beside(path: Path) -> Path:
     return fresh
 
 
-def _put_at_free(fresh: Path, path: Path) -> None:
+def put_at_free(fresh: Path, path: Path) -> None:
     """Rename a file to a name that nothing has. Raises FileExistsError."""
     try:
         os.link(fresh, path)  # unlike a rename, it never replaces
@@ -97,7 +97,7 @@ def written_whole(path: Path, durable: bool = True, replace: bool = True) -> Ite
         if replace:
             os.replace(fresh, path)
         else:
-            _put_at_free(fresh, path)
+            put_at_free(fresh, path)
     finally:
         with suppress(OSError):
             fresh.unlink(missing_ok=True)

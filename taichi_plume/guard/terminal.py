@@ -19,7 +19,10 @@ def visible(text: object, longest: int | None = LONGEST_LINE) -> str:
 
     longest: limit of characters, beyond which the middle is left out; None: no limit.
     """
-    line = str(text)
+    try:
+        line = str(text)
+    except Exception:  # thousands of digits have no text; the __str__ of a class may raise anything
+        line = f"a value of type {type(text).__name__}"
     if longest is not None:
         line = _cut(line, longest)  # first: escaping gigabytes would take long
     if not line.isprintable():

@@ -143,7 +143,7 @@ def _fresh(files: Sequence[Path], force: bool) -> Iterator[list[Path]]:
         parts.extend(disk.new_beside(file) for file in files)
         yield parts
         for part, file in zip(parts, files, strict=True):
-            os.replace(part, file)
+            (os.replace if force else disk.put_at_free)(part, file)
     finally:
         for part in parts:
             part.unlink(missing_ok=True)

@@ -131,7 +131,7 @@ def cores() -> int:
 
 def _begin_process(log: Path) -> None:
     """Initialise a study's worker process: redirect output to the log, and exit when the study's command ends."""
-    file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0), 0o644)
     for stream in (1, 2):
         os.dup2(file, stream)
     os.close(file)

@@ -140,8 +140,12 @@ def test_it_shows_itself(sim):
 
 def test_wrong_use_is_one_error(sim, tmp_path):
     (tmp_path / "there.zarr").mkdir()
+    links = [tmp_path / name for name in ("to_nothing.zarr", "to_nothing.parquet")]
+    for link in links:
+        link.symlink_to("nothing")
     for use, word in (
         (lambda: sim.write(tmp_path / "there.zarr"), "exists"),
+        *((lambda link=link: sim.write(link), f"{link.name}: exists") for link in links),
         (lambda: sim.write(tmp_path / "film.csv"), r"\.parquet"),
         (lambda: sim.write(tmp_path / "film.zarr", every=0.01), "0.1 s"),
         (lambda: sim.every(0.0, print), "at least 1e-06 s"),
@@ -150,7 +154,11 @@ def test_wrong_use_is_one_error(sim, tmp_path):
     ):
         with pytest.raises(tp.InputError, match=word):
             use()
-    assert [path.name for path in tmp_path.iterdir()] == ["there.zarr"]
+    assert {path.name for path in tmp_path.iterdir()} == {"there.zarr", *(link.name for link in links)}
+    for name in ("twice.parquet", "twice.zarr"):
+        sim.write(tmp_path / name)
+        with pytest.raises(tp.InputError, match=f"{name}: exists"):
+            sim.write(tmp_path / name)
     with tp.Simulation(DATA) as other:
         other.step()
         sim.step()  # two at once

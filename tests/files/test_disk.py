@@ -9,6 +9,7 @@ from taichi_plume.execution.result import write_result
 from taichi_plume.files import checkpoint, manifest
 from taichi_plume.files.disk import discard, left_in, new_beside, new_folder_beside, remove, written_whole
 from taichi_plume.report import html
+from taichi_plume.results import export
 from tests.pipes_in_folders import ended
 
 WRITERS = {
@@ -109,3 +110,18 @@ def test_pipes_links_and_folders_are_deleted_and_not_opened(tmp_path, delete):
         assert ends
         assert outcome is None
     assert [path.name for path in tmp_path.iterdir()] == ["kept"]
+
+
+def test_an_export_replaces_no_file_that_appears_meanwhile(tmp_path):
+    file = tmp_path / "a.csv"
+
+    def exported(force: bool) -> None:
+        with export._fresh([file], force) as (part,):
+            part.write_text("new")
+            file.write_text("mine")
+
+    with pytest.raises(FileExistsError):
+        exported(force=False)
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["mine"]
+    exported(force=True)
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["new"]

@@ -86,3 +86,7 @@ def test_the_command_line_is_told_visibly(capsys):
         parser.parse_args(["--n", WICKED])
     assert ended.value.code == 2
     assert harmless(capsys.readouterr().err)
+
+
+def test_what_has_no_text_is_shown_by_its_type():
+    assert "int" in visible(10**5000)
