@@ -24,7 +24,7 @@ SPLIT = "tests/validation/test_cases.py"  # the longest file; its tests share no
 
 @pytest.fixture(scope="module")
 def taichi(request):
-    """A fresh Taichi, on the CPU unless told."""
+    """A fresh Taichi, on the CPU unless given."""
     import taichi as ti
 
     from taichi_plume.grid import kernels

@@ -46,7 +46,7 @@ def scenario(dim: int = 2, **changes: Any) -> Scenario:
 
 
 def result(model: Scenario, **changes: Any) -> dict[str, Any]:
-    """What such a run would have told."""
+    """Content of result.json of such a run."""
     known = {"mean": 1.0, "low": 0.2, "high": 1.0, "n": 1, "airs": 1}
     group = {
         "name": "pair", "algorithm": "casting", "robots": 2, "trials": 1, "airs": 1, "trials_differ_by": None,
@@ -55,14 +55,14 @@ def result(model: Scenario, **changes: Any) -> dict[str, Any]:
         "summary": {"success_rate": known, "time_s": known | {"mean": 8.0, "low": None, "high": None}},
         "per_trial": {"success": [True], "found": [1], "time_s": [8.0], "path_m": [2.0]},
     }  # fmt: skip
-    told = {
+    content = {
         "name": model.name, "status": "completed", "message": "", "seed": 0, "backend": "cpu", "version": "0.1.0",
         "wall_s": 2.0, "simulated_s": 11.0, "steps": 100, "cells": 1200, "Mcell_steps_per_s": 1.0,
         "flow": {"max_divergence": 1e-7, "max_courant": 0.9, "max_speed": 0.5},
         "gas": {"emitted_kg": 1e-5, "in_domain_kg": 4e-6, "outflow_kg": 6e-6, "relative_error": 1e-8},
         "obstacles": [], "groups": [group] if model.robots else [], "maps": [], "remarks": ["one thing is unlikely"],
     }  # fmt: skip
-    return told | changes
+    return content | changes
 
 
 def pixels(n: int, shape: tuple[int, int] = (40, 30)) -> np.ndarray:
@@ -131,13 +131,13 @@ def made(
     model: Scenario | None = None,
     recording: bool = True,
     trials: int = 1,
-    told: dict[str, Any] | None = None,
+    content: dict[str, Any] | None = None,
 ) -> Path:
     """Make such a folder; returns it."""
     folder.mkdir(parents=True, exist_ok=True)
     model = model or scenario()
     write_scenario(folder, model, folder, "cpu")
-    write_result(folder, told if told is not None else result(model))
+    write_result(folder, content if content is not None else result(model))
     if recording:
         record(folder / "recording.rrd", ROOM_PLANES if model.domain.dim == 3 else None)
     if model.robots:

@@ -90,14 +90,14 @@ def test_counts_and_values_are_those_of_the_table(run, said):
 
 
 def test_options_of_bags_are_of_bags(run, capsys):
-    for options, told in (
+    for options, reported in (
         (["--to", "csv", "--trial", "0"], "--trial is only for bags"),
         (["--to", "mcap", "--from", "film"], "--from is only for --to netcdf"),
     ):
         with pytest.raises(SystemExit) as error:
             export.main([str(run), *options])
         assert error.value.code == 2
-        assert told in capsys.readouterr().err
+        assert reported in capsys.readouterr().err
 
 
 def test_walls_from_files_elsewhere_are_asked_for(tmp_path, capsys):
@@ -237,8 +237,8 @@ def test_the_map_is_free_where_robots_can_be(said, tmp_path):
     assert t == round(BEGIN * 1e9)
     assert (one.info.width, one.info.height) == (18, 14)
     assert (one.data.reshape(14, 18)[1:-1, 1:-1] == 0).all()
-    told = made_run.result(made_run.scenario(), version=__version__)
-    one, _ = bag_of_fields.floor(open_run(made_run.made(tmp_path, recording=False, told=told)), False)
+    reported = made_run.result(made_run.scenario(), version=__version__)
+    one, _ = bag_of_fields.floor(open_run(made_run.made(tmp_path, recording=False, content=reported)), False)
     assert one.info.resolution == pytest.approx(0.1)
     assert (one.info.origin.position.x, one.info.origin.position.y) == (-0.1, -0.1)
     assert (one.info.height, one.info.width) == (32, 42)
@@ -359,7 +359,7 @@ def test_the_maps_command_takes_a_bag(run, bag, tmp_path, capsys):
     assert maps.main([*table, *options, "--out", str(tmp_path / "b")]) == 0
     a, b = (np.genfromtxt(tmp_path / name / "map.csv", delimiter=",", names=True) for name in "ab")
     np.testing.assert_allclose(a["ppm"], b["ppm"], rtol=1e-3, atol=1e-3)
-    for wrong, told in (
+    for wrong, reported in (
         (["--topic", "/no"], "has no topic '/no'"),
         (["--frame"], "--frame: expected one argument"),
         (["--air", "0"], "--air: got 0 ohm; at least 1 ohm"),
@@ -369,7 +369,7 @@ def test_the_maps_command_takes_a_bag(run, bag, tmp_path, capsys):
         capsys.readouterr()
         assert maps.main([str(bag), *options, "--out", str(tmp_path / "c"), *wrong]) == 2
         error = capsys.readouterr().err
-        assert told in error
+        assert reported in error
         assert error.count("\n") == 1
 
 
@@ -419,7 +419,7 @@ def test_what_cannot_be_is_reported_in_a_line(run, tmp_path, capsys):
     (tmp_path / "mine" / "a.txt").touch()
     (tmp_path / "file").touch()
     (tmp_path / "link").symlink_to(run)
-    for options, told in (
+    for options, reported in (
         (["--trial", "2"], "has no trial 2; the last is 1"),
         (["--begin", "3e9"], "ends at 3e+09 s"),
         (["--out", str(tmp_path / "mine"), "--force"], "is a folder, but no bag alone"),
@@ -429,7 +429,7 @@ def test_what_cannot_be_is_reported_in_a_line(run, tmp_path, capsys):
     ):
         assert export.main([str(run), "--to", "mcap", *options]) == 2
         error = capsys.readouterr().err
-        assert told in error
+        assert reported in error
         assert error.count("\n") == 1
     assert sorted(one.name for one in tmp_path.iterdir()) == ["file", "link", "mine"]
 

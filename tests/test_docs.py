@@ -249,13 +249,13 @@ def test_scenarios_are_right(block, tmp_path):
     first = block.text.partition("\n")[0]
     if first.startswith("# wrong: "):
         place = blocks(block.page).index(block)
-        told = blocks(block.page)[place + 1]
-        assert told.language == "text"
+        reported = blocks(block.page)[place + 1]
+        assert reported.language == "text"
         with pytest.raises(ScenarioError) as refused:
             load(path)
-        expected = re.escape(f"{path}: {told.text.strip()}".replace("FOLDER", str(tmp_path)))
+        expected = re.escape(f"{path}: {reported.text.strip()}".replace("FOLDER", str(tmp_path)))
         assert re.fullmatch(expected.replace(re.escape(ELLIPSIS), ", .*?, "), str(refused.value))
-        assert told.text.startswith(first.removeprefix("# wrong: "))
+        assert reported.text.startswith(first.removeprefix("# wrong: "))
         return
     faults: list[str] = []
     try:
@@ -325,10 +325,10 @@ def help_of(module: str) -> str:
 @pytest.mark.parametrize(("module", "options"), COMMANDS)
 def test_commands_have_these_options(module, options):
     """By their names, as the command's help has them."""
-    told = help_of(module)
+    reported = help_of(module)
     for word in shlex.split(re.sub(r"[\[\]]", " ", options), comments=True):
         if word.startswith("--"):
-            assert re.search(rf"{re.escape(word.partition('=')[0])}\b", told), word
+            assert re.search(rf"{re.escape(word.partition('=')[0])}\b", reported), word
 
 
 @pytest.mark.parametrize(

@@ -55,10 +55,10 @@ def test_checking_executes_nothing(path, monkeypatch, capsys):
 
 def test_running_executes_nothing_unasked(path, capsys):
     assert run.main([str(path), "--out", str(path.parent / "out"), "--quiet"]) == 2
-    told = capsys.readouterr().err
-    assert "robots[0].algorithm.file: " in told
-    assert "own.py holds Python code" in told
-    assert told.count("\n") == 1
+    expected = capsys.readouterr().err
+    assert "robots[0].algorithm.file: " in expected
+    assert "own.py holds Python code" in expected
+    assert expected.count("\n") == 1
     assert not path.with_name("executed").exists()
     assert not path.with_name("out").exists()
 
@@ -122,7 +122,7 @@ def test_code_is_allowed_by_its_digest(path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("source", "name", "told"),
+    ("source", "name", "expected"),
     [
         (b"class A:\n  def act(self, robots): pass\nclass B:\n  act = print", None, "there are: A, B"),
         (b"class A:\n  def act(self, robots): pass", "B", "no class 'B' with a method act; there are: A"),
@@ -134,9 +134,9 @@ def test_code_is_allowed_by_its_digest(path, capsys):
         (b"#" * (2 << 17), None, "larger than 64 KiB"),
     ],
 )
-def test_what_is_surely_no_algorithm_is_told_unexecuted(tmp_path, source, name, told):
+def test_what_is_surely_no_algorithm_is_reported_unexecuted(tmp_path, source, name, expected):
     (tmp_path / "own.py").write_bytes(source)
-    with pytest.raises(OwnAlgorithmError, match=told) as caught:
+    with pytest.raises(OwnAlgorithmError, match=expected) as caught:
         OwnFile.read(tmp_path / "own.py", name)
     assert str(caught.value).isprintable()
 
@@ -171,7 +171,7 @@ BAD = "class E({}):\n  def __str__(self): raise self\n"
 
 
 @pytest.mark.parametrize(
-    ("source", "told"),
+    ("source", "expected"),
     [
         ("raise SystemExit(0)", "line 1: SystemExit: 0"),
         ("import sys\nsys.exit()", "line 2: SystemExit"),
@@ -186,9 +186,9 @@ BAD = "class E({}):\n  def __str__(self): raise self\n"
         ("def f(): f()\nf()", "RecursionError"),
     ],
 )
-def test_whatever_it_raises_is_told_with_the_line(tmp_path, source, told):
+def test_whatever_it_raises_is_reported_with_the_line(tmp_path, source, expected):
     (tmp_path / "own.py").write_text(source + "\nclass A:\n  def act(self, robots): pass")
-    with pytest.raises(OwnAlgorithmError, match=told) as caught:
+    with pytest.raises(OwnAlgorithmError, match=expected) as caught:
         OwnFile.read(tmp_path / "own.py", None).execute()
     assert str(caught.value).isprintable()
     assert len(str(caught.value)) <= 1000

@@ -53,10 +53,10 @@ def test_readings_are_judged_by_what_the_map_said_before_them():
     fake = sim.maps[0]
     says = {5.0: (7.0, 4.0)}
 
-    def told(n: int) -> np.ndarray:
+    def reported(n: int) -> np.ndarray:
         return np.full((fake.trials, *fake.shape), says.get(round(sim.t, 6), (1e6, 1e-6))[n])
 
-    fake.estimate, fake.variance, fake.noise = lambda: told(0), lambda: told(1), 9.0
+    fake.estimate, fake.variance, fake.noise = lambda: reported(0), lambda: reported(1), 9.0
     snapshot = sim.swarm.snapshot
 
     def strayed() -> dict[str, np.ndarray]:
@@ -115,9 +115,9 @@ def test_what_a_map_leaves_out_is_no_surprise():
     mean, variance = np.array([[[1.0, 2.0], [np.nan, 4.0]]]), np.array([[[1.0, 4.0], [1.0, 0.0]]])
     expects = scores.Prediction(mean, variance, 0.5, (0.9, 1.0))
     place = np.array([[0.1, 0.1], [0.4, 1.0], [0.9, 0.1], [0.9, 0.9], [0.95, 0.1], [-0.1, 0.1], [np.nan, 0]])
-    told = expects.surprise(0, np.tile(place, (2, 1)), np.repeat([3.0, np.inf], len(place)))
-    assert told[:2] == pytest.approx(-stats.norm([1.0, 2.0], [1.0, 2.0]).logpdf(3.0))
-    assert np.isnan(told[2:]).all()
+    reported = expects.surprise(0, np.tile(place, (2, 1)), np.repeat([3.0, np.inf], len(place)))
+    assert reported[:2] == pytest.approx(-stats.norm([1.0, 2.0], [1.0, 2.0]).logpdf(3.0))
+    assert np.isnan(reported[2:]).all()
 
 
 def test_forecasts_count_once_the_maps_have_settled():
@@ -137,15 +137,15 @@ def test_cells_that_no_robot_can_measure_do_not_count():
     half = one.estimate
     one.estimate = lambda: np.where(free, np.nan_to_num(half()), 1e6)
     judge, truths = scored(sim)
-    told = result.result(sim, "completed", "", "cpu", judge)["maps"][0]
+    reported = result.result(sim, "completed", "", "cpu", judge)["maps"][0]
     expected = np.abs(truths[-1] / 2 - truths[-1])[:8]
     seen = one.seen[:8]
-    assert told["mae_ppm"] == pytest.approx(np.where(seen, expected, truths[-1][:8]).mean())
-    assert told["known_fraction"] == 1.0
-    assert told["mean_gas"]["error_ppm"][0] < 1e3
+    assert reported["mae_ppm"] == pytest.approx(np.where(seen, expected, truths[-1][:8]).mean())
+    assert reported["known_fraction"] == 1.0
+    assert reported["mean_gas"]["error_ppm"][0] < 1e3
     one.estimate = lambda: np.where(free, np.nan, np.full_like(half(), 1e6))
-    told = result.result(sim, "completed", "", "cpu")["maps"][0]
-    assert (told["mae_ppm"], told["known_fraction"]) == (None, 0.0)
+    reported = result.result(sim, "completed", "", "cpu")["maps"][0]
+    assert (reported["mae_ppm"], reported["known_fraction"]) == (None, 0.0)
 
 
 def test_peaks():
@@ -163,11 +163,11 @@ def test_peaks():
 def test_the_result_tells_the_series():
     sim = fake_run.simulation(fake_run.scenario(2, duration=6))
     judge, _ = scored(sim)
-    told = result.result(sim, "completed", "", "cpu", judge)["maps"][0]["mean_gas"]
-    assert told["time_s"] == pytest.approx([5.0])
-    assert told["error_ppm"] == pytest.approx([judge.series[0].last[0].mean()])
-    assert told["nlpd"] == [None]
-    assert len(told["per_trial_at_end"]["peak_distance_m"]) == 2
+    reported = result.result(sim, "completed", "", "cpu", judge)["maps"][0]["mean_gas"]
+    assert reported["time_s"] == pytest.approx([5.0])
+    assert reported["error_ppm"] == pytest.approx([judge.series[0].last[0].mean()])
+    assert reported["nlpd"] == [None]
+    assert len(reported["per_trial_at_end"]["peak_distance_m"]) == 2
 
 
 def test_without_robots_maps_are_scored_all_the_same():
@@ -182,7 +182,7 @@ def test_the_result_tells_the_settled_forecast():
     sim: Any = fake_run.simulation(fake_run.scenario(2, duration=1))
     sim.run()
     sim.maps[0].errors = [(t, np.array([t, np.nan])) for t in (30.0, 35.0, 40.0)]
-    told, unsettled = result.result(sim, "completed", "", "cpu")["maps"]
-    assert told["forecast_error_ppm"] == pytest.approx(37.5)
-    assert told["per_trial"]["forecast_error_ppm"] == pytest.approx([37.5, np.nan], nan_ok=True)
+    reported, unsettled = result.result(sim, "completed", "", "cpu")["maps"]
+    assert reported["forecast_error_ppm"] == pytest.approx(37.5)
+    assert reported["per_trial"]["forecast_error_ppm"] == pytest.approx([37.5, np.nan], nan_ok=True)
     assert unsettled["forecast_error_ppm"] is None

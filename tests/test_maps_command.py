@@ -42,7 +42,7 @@ GOOD = "t,x,y,reading\n1,0,0,2\n"
         (GOOD, ["--map={kind: gmrf, cell: 0.02}", "--size", "40", "40"], "--map.cell: 0.02 m makes more than 400"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_told_in_one_line(text, options, reported, tmp_path, capsys):
+def test_what_is_wrong_is_reported_in_one_line(text, options, reported, tmp_path, capsys):
     path = tmp_path / "a.csv"
     if text is not None:
         path.write_text(text)

@@ -49,7 +49,7 @@ def test_a_page_names_the_kinds_of_its_sections(name, models):
         ("maps.md", SCHEMA["properties"]["maps"]["items"], "{{kind: {},"),
     ],
 )
-def test_every_algorithm_and_map_is_told(name, schema, pattern):
+def test_every_algorithm_and_map_is_described(name, schema, pattern):
     text, kinds = page(name), list(schema["discriminator"]["mapping"])
     assert len(kinds) > 3
     missing = [kind for kind in kinds if pattern.format(kind) not in text]
@@ -58,13 +58,13 @@ def test_every_algorithm_and_map_is_told(name, schema, pattern):
 
 def test_the_states_are_those_of_the_algorithms():
     text = page("algorithms.md")
-    told = {name for row in re.findall(r"^\| ([A-Z_, ]+) \|", text, re.M) for name in row.split(", ")}
+    reported = {name for row in re.findall(r"^\| ([A-Z_, ]+) \|", text, re.M) for name in row.split(", ")}
     known = set()
     for file in (ROOT / "agents").glob("*.py"):
         for names in re.findall(r"STATE_NAMES: .* = \(([^)]*)\)", file.read_text(encoding="utf-8")):
             known |= set(re.findall(r'"(\w+)"', names))
     assert len(known) > 15
-    assert told - known == set()
+    assert reported - known == set()
     missing = [name for name in known if not re.search(rf"\b{name}\b", text)]
     assert missing == [], "docs/models/algorithms.md: describe each state"
 

@@ -46,8 +46,10 @@ def test_a_run_with_all_that_it_may_write(tmp_path):
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "run" / "recording.rrd").exists()
     assert (tmp_path / "run" / "fields.zarr").exists()
-    told = [one for one in (tmp_path / "home").rglob("*") if one.name in ("version_info", "analytics.json")]
-    assert told == []  # where Taichi and rerun keep the user's id
+    reported = [
+        one for one in (tmp_path / "home").rglob("*") if one.name in ("version_info", "analytics.json")
+    ]
+    assert reported == []  # where Taichi and rerun keep the user's id
 
 
 def test_the_watch_sees_what_python_looks_up(tmp_path):

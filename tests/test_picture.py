@@ -25,7 +25,7 @@ def tall(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def told(capsys):
+def reported(capsys):
     """Exit code, and what was printed."""
 
     def call(*args: object) -> tuple[int, str]:
@@ -70,16 +70,16 @@ def test_a_moment_shows_its_own_frame_robots_and_wind(folder):
     assert np.array_equal(edges[0], later[1])
 
 
-def test_a_picture_is_as_wide_as_asked_for(folder, tmp_path, told):
-    code, said = told(folder, "--at", 3.2, "--out", tmp_path / "x.png", "--width", 500)
+def test_a_picture_is_as_wide_as_asked_for(folder, tmp_path, reported):
+    code, said = reported(folder, "--at", 3.2, "--out", tmp_path / "x.png", "--width", 500)
     assert code == 0
     assert "t = 3 s" in said  # the last frame that is not later
     assert Image.open(tmp_path / "x.png").size[0] == 500
 
 
-def test_by_default_the_end_from_above_here(folder, tmp_path, told, monkeypatch):
+def test_by_default_the_end_from_above_here(folder, tmp_path, reported, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert told(folder)[0] == 0
+    assert reported(folder)[0] == 0
     assert [file.name for file in tmp_path.iterdir()] == ["run-above-10s.png"]
 
 
@@ -87,14 +87,14 @@ VIEWS = [("column", "column"), ("side", "section"), ("above", "slice"), (None, "
 
 
 @pytest.mark.parametrize(("view", "name"), VIEWS)
-def test_views_of_a_room(tall, tmp_path, told, view, name):
+def test_views_of_a_room(tall, tmp_path, reported, view, name):
     options = ["--view", view] if view else []
-    code, said = told(tall, *options, "--out", tmp_path / "x.png", "--width", 400)
+    code, said = reported(tall, *options, "--out", tmp_path / "x.png", "--width", 400)
     assert (code, f"gas {name}" in said) == (0, True)
 
 
-def test_a_film_has_its_frames_and_moves(folder, tmp_path, told):
-    code, said = told(folder, "--film", tmp_path / "x.gif", "--frames", 5, "--width", 300, "--fps", 10)
+def test_a_film_has_its_frames_and_moves(folder, tmp_path, reported):
+    code, said = reported(folder, "--film", tmp_path / "x.gif", "--frames", 5, "--width", 300, "--fps", 10)
     assert code == 0
     assert "5 frames, t = 0 to 10 s" in said
     film = Image.open(tmp_path / "x.gif")
@@ -127,9 +127,9 @@ def test_a_frame_of_a_film_is_the_picture_of_that_moment(folder, tmp_path):
     assert (away.max(axis=-1) > 8).mean() < 2e-3
 
 
-def test_mp4_without_ffmpeg_is_one_line(folder, tmp_path, told, monkeypatch):
+def test_mp4_without_ffmpeg_is_one_line(folder, tmp_path, reported, monkeypatch):
     monkeypatch.setattr(films.animation.FFMpegWriter, "isAvailable", classmethod(lambda cls: False))
-    code, said = told(folder, "--film", tmp_path / "x.mp4")
+    code, said = reported(folder, "--film", tmp_path / "x.mp4")
     assert (code, said.startswith(str(tmp_path / "x.mp4")), said.count("\n")) == (2, True, 1)
 
 
@@ -144,9 +144,9 @@ def bad_folders(tmp_path: Path) -> dict[str, Path]:
     return {"neither": bare, "cut off": cut, "frobnicate": other, damage: torn}
 
 
-def test_bad_folders_are_one_line_each(tmp_path, told):
+def test_bad_folders_are_one_line_each(tmp_path, reported):
     for words, bad in bad_folders(tmp_path).items():
-        code, said = told(bad, "--out", tmp_path / "x.png")
+        code, said = reported(bad, "--out", tmp_path / "x.png")
         assert (code, said.startswith(str(bad)), words in said, said.count("\n")) == (2, True, True, 1), said
     assert not (tmp_path / "x.png").exists()
 
@@ -155,17 +155,17 @@ def test_bad_folders_are_one_line_each(tmp_path, told):
     ("option", "value", "words"),
     [("--at", -5, "from -1 to 10 s"), ("--at", 20, "from -1 to 10 s"), ("--view", "section", "gas_slice")],
 )
-def test_a_time_or_view_outside_the_run_is_one_line(folder, told, option, value, words):
-    code, said = told(folder, option, value)
+def test_a_time_or_view_outside_the_run_is_one_line(folder, reported, option, value, words):
+    code, said = reported(folder, option, value)
     assert (code, words in said, said.count("\n")) == (2, True, 1)
 
 
-def test_a_run_that_goes_on_is_shown_as_far_as_it_is(tmp_path, told):
+def test_a_run_that_goes_on_is_shown_as_far_as_it_is(tmp_path, reported):
     """The rows of robots are in a stream, and result.json says little."""
-    folder = made_run.made(tmp_path / "run", told={"name": "made", "status": "running", "seed": 0})
+    folder = made_run.made(tmp_path / "run", content={"name": "made", "status": "running", "seed": 0})
     unfinished(folder / "robots.parquet")
     assert len(Run(folder, lenient=True).tracks) == 2
-    code, said = told(folder, "--out", tmp_path / "x.png", "--width", 300)
+    code, said = reported(folder, "--out", tmp_path / "x.png", "--width", 300)
     assert code == 0
     assert "t = 10 s" in said
 
@@ -182,7 +182,7 @@ STL = "solid a\n{}endsolid a\n".format(
 
 @pytest.mark.parametrize("kind", ["map", "mesh"])
 def test_walls_of_files_beside_the_scenario_are_drawn_while_they_are_those_of_the_run(
-    tmp_path, told, kind, monkeypatch
+    tmp_path, reported, kind, monkeypatch
 ):
     """The manifest tells which files the run read; a changed one, or one that it does not name, is not opened."""
     case = tmp_path / "case"
@@ -202,7 +202,7 @@ def test_walls_of_files_beside_the_scenario_are_drawn_while_they_are_those_of_th
     for changed in files:
         before = changed.read_bytes()
         changed.write_bytes(before[:-1] + b"!")
-        code, said = told(folder, "--at", 5, "--out", tmp_path / "a.png")
+        code, said = reported(folder, "--at", 5, "--out", tmp_path / "a.png")
         assert (code, "--allow-outside" in said) == (0, True)
         assert not Run(folder, lenient=True).shapes
         changed.write_bytes(before)
@@ -210,11 +210,11 @@ def test_walls_of_files_beside_the_scenario_are_drawn_while_they_are_those_of_th
 
 
 @pytest.mark.parametrize("option", ["--out", "--film"])
-def test_a_link_to_a_file_of_the_users_is_replaced_and_not_followed(folder, told, tmp_path, option):
+def test_a_link_to_a_file_of_the_users_is_replaced_and_not_followed(folder, reported, tmp_path, option):
     mine, out = tmp_path / "mine", tmp_path / ("a.png" if option == "--out" else "a.gif")
     mine.write_text("mine")
     out.symlink_to(mine)
-    code, _ = told(folder, *(["--at", 5] if option == "--out" else ["--frames", 2]), option, out)
+    code, _ = reported(folder, *(["--at", 5] if option == "--out" else ["--frames", 2]), option, out)
     assert (code, out.is_symlink(), mine.read_text()) == (0, False, "mine")
     with Image.open(out) as image:
         assert image.format == out.suffix[1:].upper()

@@ -80,7 +80,7 @@ def test_a_missing_example_is_named_with_its_file(tmp_path, monkeypatch):
 
 
 def test_every_key_of_the_vocabulary_is_on_a_page(whole):
-    told = {flat(re.sub(r" \(.*", "", one)) for one in re.findall(r"^\.\. key:: (.*)$", whole, re.M)}
+    reported = {flat(re.sub(r" \(.*", "", one)) for one in re.findall(r"^\.\. key:: (.*)$", whole, re.M)}
     alike = {flat(path): flat(one.same_as) for path, one in places().items() if one.same_as}
     for path in PATHS:
         path = flat(path)
@@ -89,7 +89,7 @@ def test_every_key_of_the_vocabulary_is_on_a_page(whole):
                 path = here + path.removeprefix(there)
         section, _, name = path.rpartition(".")
         kinds = name == "kind" and any(flat(one.path) == section and one.kinds for one in places().values())
-        assert path in told or kinds, path
+        assert path in reported or kinds, path
 
 
 def test_every_key_of_a_study_is_on_its_page(text):
@@ -101,7 +101,7 @@ def test_every_key_of_a_study_is_on_its_page(text):
     assert "   study\n" in text["index"] + "\n"
 
 
-def test_each_key_is_told_once_with_all_that_is_known_of_it(text, whole):
+def test_each_key_is_reported_once_with_all_that_is_known_of_it(text, whole):
     names = re.findall(r"^\.\. key:: (.*)$", whole, re.M)
     assert len(names) == len(set(names)) == len(list(all_keys()))
     page = text["openings"].replace("\\", "")

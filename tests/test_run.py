@@ -90,10 +90,10 @@ def test_air_that_cannot_be_measured_costs_no_result(scenario, fake, monkeypatch
 
     monkeypatch.setattr(fields.Wind, "mixing", mixing)
     assert run.main([str(scenario), "--quiet"]) == 0
-    told = read_result(Path("runs/small-1"))
-    assert told["status"] == "completed"
-    assert told["groups"]
-    assert "how fast the air mixes could not be measured: IndexError: off the grid" in told["remarks"][-1]
+    reported = read_result(Path("runs/small-1"))
+    assert reported["status"] == "completed"
+    assert reported["groups"]
+    assert "how fast the air mixes could not be measured: IndexError: off the grid" in reported["remarks"][-1]
 
 
 @pytest.mark.slow
@@ -104,8 +104,8 @@ def test_a_run_leaves_its_directory(scenario, capsys):
     assert {file.name for file in folder.iterdir()} - {".lock"} == set(files.split())
     assert read_result(folder)["status"] == "completed"
     assert readable(folder) == pytest.approx(1.0)
-    told = capsys.readouterr().out
-    assert all(f"runs/small-1/{name}" in told for name in ("recording.rrd", "report.html"))
+    reported = capsys.readouterr().out
+    assert all(f"runs/small-1/{name}" in reported for name in ("recording.rrd", "report.html"))
 
 
 def test_remarks_are_printed_and_kept(scenario, fake, capsys):
@@ -160,10 +160,10 @@ def test_its_air_can_be_played_back(scenario):
         (["--set", "robots.0.start.positions=[[9, 9], [1.5, 1.0]]"], "robots"),
     ],
 )
-def test_bad_input_is_told_without_traceback(scenario, options, fault, capsys):
+def test_bad_input_is_reported_without_traceback(scenario, options, fault, capsys):
     assert run.main([str(scenario), *options]) == 2
-    told = capsys.readouterr()
-    assert (told.out, fault in told.err, "Traceback" in told.err) == ("", True, False)
+    reported = capsys.readouterr()
+    assert (reported.out, fault in reported.err, "Traceback" in reported.err) == ("", True, False)
     assert not Path("runs").exists()
 
 
@@ -177,7 +177,7 @@ def test_full_directory_is_refused(scenario, fake, capsys):
     assert read_result(Path("out"))["status"] == "completed"
 
 
-def test_folder_that_cannot_be_used_is_told_before_anything_is_made(scenario, monkeypatch, capsys):
+def test_folder_that_cannot_be_used_is_reported_before_anything_is_made(scenario, monkeypatch, capsys):
     monkeypatch.setattr(assemble, "build", lambda *_, **__: pytest.fail("compiled"))
     Path("out").write_text("mine")
     assert run.main([str(scenario), "--out", "out", "--force", "--quiet"]) == 2
@@ -185,7 +185,7 @@ def test_folder_that_cannot_be_used_is_told_before_anything_is_made(scenario, mo
     assert Path("out").read_text() == "mine"
 
 
-def test_missing_device_is_told_and_leaves_earlier_results(scenario, monkeypatch, capsys):
+def test_missing_device_is_reported_and_leaves_earlier_results(scenario, monkeypatch, capsys):
     def start(arch):
         raise kernels.DeviceError(f"no {arch} device was found; use --arch cpu or auto")
 
@@ -234,12 +234,12 @@ def test_whatever_ends_a_run_its_files_are_kept(scenario, fake, error, status, c
     folder = Path("runs/small-1")
     assert read_result(folder)["status"] == status
     assert readable(folder) == pytest.approx(1.9, abs=0.11)
-    told = capsys.readouterr().err
-    assert f"{status}: " in told
-    assert ("recording.rrd" in told, "Traceback" in told) == (True, False)
+    reported = capsys.readouterr().err
+    assert f"{status}: " in reported
+    assert ("recording.rrd" in reported, "Traceback" in reported) == (True, False)
 
 
-def test_full_disk_is_told(scenario, fake, monkeypatch, capsys):
+def test_full_disk_is_reported(scenario, fake, monkeypatch, capsys):
     fake(2.0, lambda: monkeypatch.setattr(disk, "RESERVE", 1 << 60))
     assert run.main([str(scenario), "--duration", "5"]) == 1
     folder = Path("runs/small-1")
@@ -251,8 +251,8 @@ def test_full_disk_is_told(scenario, fake, monkeypatch, capsys):
 def test_all_found_is_stopped(scenario, fake, monkeypatch):
     monkeypatch.setattr(fake_run.FakeSwarm, "all_over", lambda swarm: swarm.t > 1.5)
     assert run.main([str(scenario), "--duration", "5", "--quiet"]) == 0
-    told = read_result(Path("runs/small-1"))
-    assert (told["status"], told["simulated_s"] < 2) == ("stopped", True)
+    reported = read_result(Path("runs/small-1"))
+    assert (reported["status"], reported["simulated_s"] < 2) == ("stopped", True)
 
 
 def test_broken_assembly_leaves_no_folder(scenario, monkeypatch, capsys):

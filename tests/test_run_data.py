@@ -315,7 +315,7 @@ DAMAGE = {
 
 @pytest.mark.parametrize("sealed", [True, False])
 @pytest.mark.parametrize("case", DAMAGE)
-def test_damage_is_told_in_a_line(folder, case, sealed, capsys):
+def test_damage_is_reported_in_a_line(folder, case, sealed, capsys):
     """With the manifest of the run's end and, as of a killed run, without."""
     damage, part, fault = DAMAGE[case]
     if not sealed:

@@ -64,7 +64,7 @@ FILES = (
 def finished(tmp_path_factory) -> Path:
     """A run folder with a file of each kind."""
     folder = tmp_path_factory.mktemp("pipes") / "run"
-    made(folder, told=result(scenario(), version=formats.__version__))
+    made(folder, content=result(scenario(), version=formats.__version__))
     bases._write_film(folder / "fields.zarr")
     formats._write_maps(folder / "maps.zarr")
     shutil.copy(folder / "robots.parquet", folder / "probes.parquet")

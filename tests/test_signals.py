@@ -111,7 +111,7 @@ def test_a_signal_before_files_are_begun_leaves_the_earlier_run(started, monkeyp
     assert {file.name: file.read_bytes() for file in Path("out").iterdir()} == kept
 
 
-@pytest.mark.parametrize("ignored", [False, True], ids=["ends", "was told to go on"])
+@pytest.mark.parametrize("ignored", [False, True], ids=["ends", "ignores it"])
 def test_a_terminal_that_is_closed_ends_a_run_in_order(tmp_path, ignored):
     """Its progress bar cannot be drawn any more; where the hang-up is ignored, the run goes on without."""
     pty = pytest.importorskip("pty")

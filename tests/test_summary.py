@@ -22,7 +22,7 @@ def group(name: str, **keys: Any) -> dict[str, Any]:
     return {"name": name, "count": 1, "start": AREA, "algorithm": {"kind": "casting"}} | keys
 
 
-def told_of(sim: Any, status: str = "completed") -> tuple[dict[str, Any], dict[str, str]]:
+def summary_of(sim: Any, status: str = "completed") -> tuple[dict[str, Any], dict[str, str]]:
     """What a run comes to, as read from its result.json, and the lines of its summary."""
     judge = MapScores(sim)
     sim.observers.append(judge.observer())
@@ -36,7 +36,7 @@ def told_of(sim: Any, status: str = "completed") -> tuple[dict[str, Any], dict[s
 
 
 def run(**changes: Any) -> tuple[dict[str, Any], dict[str, str]]:
-    return told_of(fake_run.simulation(fake_run.scenario(2, **{"duration": 9, **changes})))
+    return summary_of(fake_run.simulation(fake_run.scenario(2, **{"duration": 9, **changes})))
 
 
 RIVALS = [group("casters", trials=2), group("sweepers", trials=3, algorithm={"kind": "sweep"})]
@@ -47,7 +47,7 @@ def test_maps_of_rivals_are_scored_by_name():
     fake = sim.maps[0]
     half, off = fake.estimate, np.array([0.0, 2.0, 10.0, 20.0, 30.0])[:, None, None]
     fake.estimate = lambda: half() + off
-    content, lines = told_of(sim)
+    content, lines = summary_of(sim)
     one, other = content["maps"]
     assert {"mae_ppm", "per_trial", "mean_gas", "forecast"}.isdisjoint(one), "no mean over groups"
     casters, sweepers = one["groups"]
@@ -119,7 +119,7 @@ def test_trials_that_are_the_same_count_as_one():
         return {name: np.tile(values, (20, *[1] * (values.ndim - 1))) for name, values in first.items()}
 
     sim.swarm.snapshot = same
-    content, lines = told_of(sim)
+    content, lines = summary_of(sim)
     (one,) = content["groups"]
     assert one["trials_differ_by"] == "nothing"
     assert one["summary"]["success_rate"]["n"] == 1
@@ -168,20 +168,20 @@ def test_a_scenario_without_sources():
     sim: Any = fake_run.simulation(fake_run.scenario(2, duration=2))
     gas = {"kind": "playback", "file": "a.zarr"}
     sim.scenario = fake_run.scenario(2, duration=2, gas=gas)
-    content, lines = told_of(sim)
+    content, lines = summary_of(sim)
     assert lines["team"] == "casting, no search took place: there is no source"
     assert content["groups"][0]["per_trial"]["final_distance_m"] == [None, None]
 
 
 def test_a_run_that_was_interrupted_claims_no_more_than_it_saw():
     sim: Any = fake_run.simulation(fake_run.scenario(2, duration=100, warm_up=5))
-    content, lines = told_of(sim, "interrupted")
+    content, lines = summary_of(sim, "interrupted")
     assert lines["team"] == "casting, no search took place: the robots had not started"
     assert content["maps"][0]["mean_gas"]["per_trial_at_end"] == {}
     assert lines["time series map"] == "no cell is known"
     for _ in range(80):
         sim.advance()
-    content, _ = told_of(sim, "interrupted")
+    content, _ = summary_of(sim, "interrupted")
     team = content["groups"][0]
     assert team["no_search"] is None
     assert team["summary"]["time_with_failures_s"]["mean"] == pytest.approx(3.0), "what it lasted, not 100 s"
@@ -189,7 +189,7 @@ def test_a_run_that_was_interrupted_claims_no_more_than_it_saw():
 
 def test_nobody_and_nothing():
     sim: Any = fake_run.simulation(fake_run.scenario(2, duration=1, robots=[], maps=[]))
-    content, lines = told_of(sim)
+    content, lines = summary_of(sim)
     assert (content["groups"], content["maps"]) == ([], [])
     assert set(lines) == {"fake-2d", "time", "grid", "flow", "gas"}
 
@@ -226,7 +226,7 @@ def test_robots_pushed_by_obstacles_are_counted(pushes, pinned, expected):
     of_old, count = sim.swarm.snapshot, sim.swarm.count
     more = {"pushes": np.full(count, pushes, np.int32), "pinned_s": np.full(count, pinned, np.float32)}
     sim.swarm.snapshot = lambda: of_old() | more
-    content, lines = told_of(sim)
+    content, lines = summary_of(sim)
     (group,) = content["groups"]
     assert sum(group["per_trial"]["pushes"]) == count * pushes
     assert sum(group["per_trial"]["pinned_s"]) == count * pinned

@@ -154,7 +154,7 @@ def test_a_real_robot_goes_on_when_it_has_found_the_source(sim):
     assert robots(sim, "real")["position"][0] == pytest.approx([0.9, 1.5])
 
 
-def test_what_is_wrong_is_told():
+def test_what_is_wrong_is_reported():
     with pytest.raises(ScenarioError, match=r"robots\[0\].algorithm: external: nothing drives"):
         assemble(scenario_from(SCENARIO))
     group = REAL | {"odometry": {}}

@@ -225,7 +225,7 @@ def test_a_pan_unit_sweeps_to_and_fro():
         ({"gives": "mean"}, {"threshold_ppm": 8}, ""),
     ],
 )
-def test_what_is_probably_not_meant_is_told(tmp_path, sensor, algorithm, reported):
+def test_what_is_probably_not_meant_is_reported(tmp_path, sensor, algorithm, reported):
     gas = {"kind": "gaussian_plume", "intensity": 0.1, "sources": [{"position": [1.5, 2.0], "rate": 1e-4}]}
     scenario = room(gas, (6.0, 4.0), EXACT | sensor)
     scenario["robots"][0]["algorithm"] |= algorithm

@@ -26,7 +26,7 @@ RIVALS = {
     "mirror": {"algorithm": lineup(mirror=True)},
     "impatient": {"algorithm": lineup(patience=6.0)},
     **{
-        f"told {angle}": {"algorithm": lineup(wind_direction_deg=angle, spacing=0.6), "positions": MIDDLE}
+        f"given {angle}": {"algorithm": lineup(wind_direction_deg=angle, spacing=0.6), "positions": MIDDLE}
         for angle in ANGLES
     },
     "measured": {"algorithm": lineup(spacing=0.6), "positions": MIDDLE},
@@ -109,7 +109,7 @@ def test_the_line_lies_along_the_wind(swept, run, angle, reported):
     """Given, whatever wind it feels, or measured; across the wind neighbours are staggered by 0.3 m."""
     w = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
     if reported:
-        states, places = swept[f"told {angle}"]
+        states, places = swept[f"given {angle}"]
     else:
         states, places = (values[:, of(run, "measured")] for values in blow(run, 0.5 * w, 70))
     assert (states == FEEL).any() == (not reported)

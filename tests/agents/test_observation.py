@@ -40,7 +40,7 @@ class Learner:
         clearance = ClearanceMap([], EXTENT, 0.2)
         self.swarm = Swarm([team], PLACES, HEADINGS, clearance, np.array([[1.0, 1.5]]), 0)
         members = Members(self.swarm, (0,))
-        self.seen, self.told = Observation(self.swarm, members, TICK), Commands(self.swarm, members, TICK)
+        self.seen, self.commands = Observation(self.swarm, members, TICK), Commands(self.swarm, members, TICK)
         self.table = np.full((3, self.seen.size), np.nan, np.float32)
 
     @ti.kernel
@@ -59,18 +59,18 @@ class Learner:
     @ti.kernel
     def act(self, flip: float, actions: ti.types.ndarray(dtype=ti.f32, ndim=2)):
         for i in range(3):
-            self.told.take(i, flip, i, actions, 1.0)
+            self.commands.take(i, flip, i, actions, 1.0)
 
     @ti.kernel
     def drive(self):
         for i in range(3):
-            self.told.carry_out(i, TICK)
+            self.commands.carry_out(i, TICK)
 
     @ti.kernel
     def forget(self):
         for i in range(3):
             self.seen.clear(i)
-            self.told.clear(i)
+            self.commands.clear(i)
 
     def observe(self, flip=1.0, elapsed=0.0):
         self.look(flip, elapsed, self.table)
@@ -123,8 +123,8 @@ def test_entries_are_what_sensors_give(fresh):
             apart = PLACES[other] - PLACES[k]
             heard = np.linalg.norm(apart) <= 2.0
             wanted = [1.0, apart @ ahead / 5.0, apart @ left / 5.0, entry(ppm[other])] if heard else [0.0] * 4
-            told = [one[f"mate {m} {name}"] for name in ("there", "ahead", "left", "gas")]
-            assert told == pytest.approx(wanted, abs=1e-6)
+            reported = [one[f"mate {m} {name}"] for name in ("there", "ahead", "left", "gas")]
+            assert reported == pytest.approx(wanted, abs=1e-6)
 
 
 def test_what_was_observed_is_stacked(fresh):
@@ -162,9 +162,9 @@ def test_speed_turn_and_word(fresh):
     fresh.drive()
     assert fresh.swarm.speed_command.to_numpy()[:3] == pytest.approx([0.2, 0.0, 0.1])
     assert fresh.swarm.turn_rate_command.to_numpy()[:3] == pytest.approx([-np.pi, 0.5 * np.pi, 0.0])
-    told = fresh.swarm.snapshot()
-    assert told["declarations"].tolist() == [1, 0, 0]
-    assert told["declared_position"][0] == pytest.approx(PLACES[0])
+    reported = fresh.swarm.snapshot()
+    assert reported["declarations"].tolist() == [1, 0, 0]
+    assert reported["declared_position"][0] == pytest.approx(PLACES[0])
 
 
 def test_way_points_are_reached(taichi):

@@ -123,7 +123,7 @@ def test_it_goes_on_from_a_checkpoint(sim: Any) -> None:
         (lambda file: None, {}, "No such file"),
     ],
 )
-def test_what_does_not_fit_is_told(tmp_path: Path, made: Any, keys: Any, reported: str) -> None:
+def test_what_does_not_fit_is_reported(tmp_path: Path, made: Any, keys: Any, reported: str) -> None:
     made(tmp_path / "x.onnx")
     with pytest.raises(ScenarioError) as caught:
         assemble(checked(scenario(**keys), tmp_path).scenario, tmp_path)

@@ -109,9 +109,9 @@ def check_score(sim, t, ppm):
 
 
 def test_the_summary_tells_how_they_compare():
-    told = {"readings": 1200, "correlation": [0.5, None], "mae_ppm": [1.0, 3.0], "bias_ppm": [-1.0, -2.0]}
+    expected = {"readings": 1200, "correlation": [0.5, None], "mae_ppm": [1.0, 3.0], "bias_ppm": [-1.0, -2.0]}
     line = "1,200 readings; the simulated ones are 2 ppm off, on average -1.5 ppm, correlation 0.50"
-    assert _recorded_line(told) == line
+    assert _recorded_line(expected) == line
 
 
 def test_a_reset_begins_again_with_other_numbers(sim):
@@ -140,7 +140,7 @@ def test_it_goes_on_where_it_was_saved(sim):
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "expected"),
     [
         ({"file": "none.mcap"}, "robots[0].algorithm.file: {folder}/none.mcap: does not exist"),
         ({"file": "../bag"}, "lies outside the scenario's folder"),
@@ -159,13 +159,13 @@ def test_it_goes_on_where_it_was_saved(sim):
         ({"poses": ["/a/pose"]}, "poses is given 1 times for 2 topics of gas"),
     ],
 )
-def test_what_cannot_be_is_told(folder, changes, told):
+def test_what_cannot_be_is_reported(folder, changes, expected):
     with pytest.raises(ScenarioError) as error:
         checked(scenario(**changes), folder)
-    assert told.format(folder=folder) in str(error.value)
+    assert expected.format(folder=folder) in str(error.value)
 
 
-def test_what_is_probably_not_meant_is_told(folder):
+def test_what_is_probably_not_meant_is_reported(folder):
     remarks = checked(scenario(file="poses", origin=[2.0, 0.25]), folder).resources.warnings
     assert any("a is not in the domain for 41 % of its poses" in one for one in remarks), remarks
     assert any("b in poses end at 3 s, the run at 6 s" in one for one in remarks), remarks

@@ -218,7 +218,7 @@ def test_faults_of_a_list_tell_its_place(sensors, reported):
         ),
     ],
 )
-def test_what_does_not_fit_is_told(tmp_path, gas, keys, reported):
+def test_what_does_not_fit_is_reported(tmp_path, gas, keys, reported):
     (tmp_path / "s.yaml").write_text(json.dumps(scenario(gas, **keys)))
     with pytest.raises(ScenarioError) as error:
         load(tmp_path / "s.yaml")

@@ -120,7 +120,7 @@ def test_a_run_and_its_folder_are_cited_with_their_version(tmp_path, end):
     model = made_run.scenario()
     version = tp.__version__.rpartition(".dev")[0] + ".7" + end
     folder = made_run.made(
-        tmp_path / "run", model, recording=False, told=made_run.result(model, version=version)
+        tmp_path / "run", model, recording=False, content=made_run.result(model, version=version)
     )
     text = tp.cite(tp.open_run(folder))
     assert text == tp.cite(folder) == tp.cite(str(folder))

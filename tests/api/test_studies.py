@@ -116,7 +116,7 @@ def test_ctrl_c_ends_a_study(tmp_path, monkeypatch, signals):
     assert set(tp.open_study(tmp_path / "out").runs()["status"]) <= {"missing", "completed"}
 
 
-def test_the_first_error_is_told_if_the_disk_is_full_as_well(tmp_path, monkeypatch):
+def test_the_first_error_is_reported_if_the_disk_is_full_as_well(tmp_path, monkeypatch):
     def lost(*_: object) -> None:
         raise workers.WorkersError("the workers are gone")
 

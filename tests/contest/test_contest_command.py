@@ -51,7 +51,7 @@ def files(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("line", "told"),
+    ("line", "expected"),
     [
         (["--scenarios", "open_3"], "scenario 'open_3': there is none of that name; did you mean open_3d?"),
         (["--algorithms", "infotax"], "did you mean infotaxis?"),
@@ -61,7 +61,7 @@ def files(tmp_path):
         (["--out", "upwind.py"], "upwind.py: "),
     ],
 )
-def test_what_is_wrong_is_told_in_a_line(files, monkeypatch, capsys, line, told):
+def test_what_is_wrong_is_reported_in_a_line(files, monkeypatch, capsys, line, expected):
     monkeypatch.chdir(files)
     try:
         code = main(line)
@@ -69,7 +69,7 @@ def test_what_is_wrong_is_told_in_a_line(files, monkeypatch, capsys, line, told)
         code = end.code
     err = capsys.readouterr().err
     assert code == 2
-    assert told in err.splitlines()[-1]
+    assert expected in err.splitlines()[-1]
     assert "Traceback" not in err
 
 
@@ -89,10 +89,10 @@ def test_a_contest_is_the_same_again_goes_on_and_bears_a_broken_algorithm(files,
     own = ["--algorithm", "upwind.py", "--algorithm", "broken.py", "--allow-code"]
     assert main([*LINE, *own, "--out", "a"]) == 1  # of the broken one
     captured = capsys.readouterr()
-    told = [line for line in captured.err.splitlines() if line.startswith("meandering: broken")]
-    assert len(told) == 1
-    assert "2 of 2 runs have failed" in told[0]
-    assert "no idea" in told[0]
+    expected = [line for line in captured.err.splitlines() if line.startswith("meandering: broken")]
+    assert len(expected) == 1
+    assert "2 of 2 runs have failed" in expected[0]
+    assert "no idea" in expected[0]
     assert "surge_cast" in captured.out
     assert NO_INTERVALS in captured.out
 

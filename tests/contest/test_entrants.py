@@ -1,4 +1,4 @@
-"""Who takes part in a contest, and what they are told; nothing is run."""
+"""Algorithms that take part in a contest, and the keys that they are given; nothing is run."""
 
 from pathlib import Path
 
@@ -66,13 +66,13 @@ def test_all_scenarios_have_the_same_robot_and_chances():
     assert {fixed(name).scenario.duration for name in NAMES} == {300.0}
 
 
-def test_each_is_told_what_it_has_a_key_for():
+def test_each_is_given_what_it_has_a_key_for():
     one, there = fixed("closed_room"), {each.name: each for each in shipped()}
-    told = {name: each.changes(one)["robots.0.algorithm"] for name, each in there.items()}
-    assert told["casting"] == {"kind": "casting", "threshold_ppm": one.facts["threshold_ppm"]}
-    assert told["infotaxis"]["wind_speed"] == one.facts["wind_speed"]
-    assert told["spiral"] == {"kind": "spiral", "minimum_ppm": one.facts["threshold_ppm"]}
-    assert told["random_walk"] == {"kind": "random_walk"}
+    expected = {name: each.changes(one)["robots.0.algorithm"] for name, each in there.items()}
+    assert expected["casting"] == {"kind": "casting", "threshold_ppm": one.facts["threshold_ppm"]}
+    assert expected["infotaxis"]["wind_speed"] == one.facts["wind_speed"]
+    assert expected["spiral"] == {"kind": "spiral", "minimum_ppm": one.facts["threshold_ppm"]}
+    assert expected["random_walk"] == {"kind": "random_walk"}
 
 
 def test_what_is_written_is_a_study_that_can_be_run_by_itself(tmp_path):
@@ -93,7 +93,7 @@ def test_an_unknown_name_is_shown_harmless():
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "told"),
+    ("name", "text", "expected"),
     [
         ("none.py", None, "does not exist"),
         ("list.txt", OWN, "is no Python file"),
@@ -104,12 +104,12 @@ def test_an_unknown_name_is_shown_harmless():
     ],
 )
 @pytest.mark.parametrize("names", [None, ["casting"]])
-def test_a_file_that_is_no_algorithm_is_refused(tmp_path, name, text, told, names):
+def test_a_file_that_is_no_algorithm_is_refused(tmp_path, name, text, expected, names):
     if text is not None:
         (tmp_path / name).write_text(text)
     with pytest.raises(ScenarioError) as error:
         entrants(names, [tmp_path / name])
-    assert told in str(error.value)
+    assert expected in str(error.value)
     assert "\n" not in str(error.value)
 
 

@@ -97,7 +97,7 @@ def test_the_list_names_success_and_counts_robots(tmp_path, found, words):
     model = made_run.scenario()
     result = made_run.result(model, status="stopped", message="t = 8 s")
     result["groups"][0]["per_trial"]["found"] = [found]
-    run = Run(1, made_run.made(tmp_path / "run", model, recording=False, told=result), "", "")
+    run = Run(1, made_run.made(tmp_path / "run", model, recording=False, content=result), "", "")
     assert (run.row()["state"], run.row()["found"]) == (words, f"pair: {found} of 2 robots, the first in 8 s")
 
 

@@ -109,18 +109,18 @@ def seeds(count, first=2**40 + 7):
 def actions(engine, steps, seed=0):
     """Of each environment by its number, (steps, count, TEAM, 3); they rarely declare."""
     drawn = [np.random.default_rng([seed, e]).uniform(-1.0, 1.0, (steps, TEAM, 3)) for e in range(MANY)]
-    told = np.stack(drawn, axis=1).astype(np.float32)
-    told[..., 2] -= 0.4 * (told[..., 2] > -0.6)
+    commands = np.stack(drawn, axis=1).astype(np.float32)
+    commands[..., 2] -= 0.4 * (commands[..., 2] > -0.6)
     for e in range(MANY):  # so that episodes end at different times
-        told[2 + e, e, :, 2] = 1.0
-    return told
+        commands[2 + e, e, :, 2] = 1.0
+    return commands
 
 
-def follow(engine, told, mode):
+def follow(engine, commands, mode):
     """What becomes of actions (steps, count, TEAM, 3): arrays over steps and environments."""
     engine.autoreset = mode
     kept = []
-    for row in told:
+    for row in commands:
         over = engine.terminated | engine.truncated
         if mode == "disabled" and over.any():
             engine.reset(mask=over.copy())
@@ -139,16 +139,16 @@ def follow(engine, told, mode):
 @pytest.mark.parametrize("mode", MODES)
 def test_single_engines_and_one_of_many_give_the_same(engines, mode):
     one, many = engines
-    told = actions(many, 20)
+    commands = actions(many, 20)
     many.terminated[:] = many.truncated[:] = False
     many.reset(seeds(MANY))
     begun = many.observations.copy()
-    together = follow(many, told, mode)
+    together = follow(many, commands, mode)
     assert together[:, :, -len(many.info) + 4].max() >= 2  # several episodes each
     for e in range(MANY):
         one.reset(seeds(MANY)[e : e + 1])
         np.testing.assert_array_equal(one.observations, begun[e * TEAM : (e + 1) * TEAM])
-        np.testing.assert_array_equal(follow(one, told[:, e : e + 1], mode)[:, 0], together[:, e])
+        np.testing.assert_array_equal(follow(one, commands[:, e : e + 1], mode)[:, 0], together[:, e])
 
 
 @pytest.mark.slow
@@ -186,20 +186,20 @@ def test_a_sensor_on_the_left_is_on_the_right_in_a_mirror(engines):
         levels = np.repeat([LEVEL[f] if g == 0 else LEVEL[f][::-1] for f, g in worlds], TEAM, axis=0)
         x = np.clip(place + 0.05 * ahead + 0.1 * left, 0.05, np.array(SIZE) - 0.05)
         ppm = np.maximum(levels[:, 0] + (levels[:, 1:] * x).sum(axis=1), 0.0)
-        told = 10.0 ** (6.0 * many.observations[:, column]) - 1.0
-        np.testing.assert_allclose(told, ppm, rtol=3e-3, atol=0.05)
+        observed = 10.0 ** (6.0 * many.observations[:, column]) - 1.0
+        np.testing.assert_allclose(observed, ppm, rtol=3e-3, atol=0.05)
     many.kernel.n.set(mirrors=0.5)
 
 
 def test_a_mirrored_episode_is_the_same_seen_in_a_mirror(engines):
     _, many = engines
-    told = actions(many, 7)
+    commands = actions(many, 7)
     seen = []
     for flip in (1.0, -1.0):
         many.kernel.n.set(mirrors=0.0 if flip > 0 else 1.0)
         many.reset(seeds(MANY))
         assert (many.info["mirror"] == (flip < 0)).all()
-        seen.append(follow(many, told * np.array([1.0, flip, 1.0], np.float32), "next_step"))
+        seen.append(follow(many, commands * np.array([1.0, flip, 1.0], np.float32), "next_step"))
     many.kernel.n.set(mirrors=0.5)
     sides = np.array(
         [any(word in name for word in ("left", "sin", "position y", "turn")) for name in many.names]
@@ -207,24 +207,24 @@ def test_a_mirrored_episode_is_the_same_seen_in_a_mirror(engines):
     assert 0 < sides.sum() < many.observation.size
     signs = np.ones(seen[0].shape[-1])
     signs[: TEAM * many.observation.size] = np.tile(np.where(sides, -1.0, 1.0), TEAM)
-    told_of_it = len(signs) - len(many.info) + 7
-    assert (seen[1][..., told_of_it] != seen[0][..., told_of_it]).all()
-    keep = np.arange(len(signs)) != told_of_it  # and what a sensor on one side reads
+    mirror_info = len(signs) - len(many.info) + 7
+    assert (seen[1][..., mirror_info] != seen[0][..., mirror_info]).all()
+    keep = np.arange(len(signs)) != mirror_info  # and what a sensor on one side reads
     keep[: TEAM * many.observation.size] = np.tile(["of sensor" not in name for name in many.names], TEAM)
     np.testing.assert_array_equal((seen[1] * signs)[..., keep], seen[0][..., keep])
 
 
 def test_observations_do_not_tell_where_sources_are(engines):
     _, many = engines
-    told = actions(many, 7)
-    told[..., 2] = -1.0
+    commands = actions(many, 7)
+    commands[..., 2] = -1.0
     rows = slice(0, TEAM * many.observation.size)
     kept = many.kernel.place.to_numpy()
     seen = []
     for shift in (0.0, 1.0):
         many.kernel.place.from_numpy(np.where(kept < 10.0, kept + shift, kept).astype(np.float32))
         many.reset(seeds(MANY))
-        seen.append(follow(many, told, "next_step"))
+        seen.append(follow(many, commands, "next_step"))
     many.kernel.place.from_numpy(kept)
     np.testing.assert_array_equal(seen[0][..., rows], seen[1][..., rows])
     assert (seen[0] != seen[1]).any()  # progress is rewarded
@@ -256,10 +256,10 @@ def test_truth_is_the_gas_at_the_robots_and_the_way_to_the_nearest_source(engine
 @pytest.mark.parametrize("mode", ["next_step", "same_step"])
 def test_a_reward_function_replaces_the_rewards_of_the_task(engines, mode):
     _, many = engines
-    told = actions(many, 12)
+    commands = actions(many, 12)
     many.terminated[:] = many.truncated[:] = False
     many.reset(seeds(MANY))
-    expected = follow(many, told, mode)
+    expected = follow(many, commands, mode)
     seen = []
 
     def reward(step):
@@ -269,7 +269,7 @@ def test_a_reward_function_replaces_the_rewards_of_the_task(engines, mode):
     many.rewarder = reward
     many.terminated[:] = many.truncated[:] = False
     many.reset(seeds(MANY))
-    rewarded = follow(many, told, mode)
+    rewarded = follow(many, commands, mode)
     many.rewarder = None
     factors = np.ones(rewarded.shape[2])
     at = TEAM * many.observation.size
@@ -277,7 +277,7 @@ def test_a_reward_function_replaces_the_rewards_of_the_task(engines, mode):
     assert list(many.info)[-1] == "return"
     np.testing.assert_allclose(rewarded, expected * factors, rtol=1e-5, atol=1e-5)
     assert (expected[:, :, -1] != 0).any()
-    for (_, _, after, _), (before, given, _, ppm), row in zip(seen, seen[1:], told[1:], strict=False):
+    for (_, _, after, _), (before, given, _, ppm), row in zip(seen, seen[1:], commands[1:], strict=False):
         assert mode == "same_step" or np.array_equal(after, before)
         np.testing.assert_array_equal(given, row.reshape(-1, 3))
         assert ppm.shape == (MANY * TEAM,)
@@ -300,22 +300,22 @@ def test_rewards_of_another_shape_are_refused(engines, returned):
 def test_a_word_ends_an_episode(engines):
     _, many = engines
     many.autoreset = "next_step"
-    told = np.tile(np.array([-1.0, 0.0, -1.0], np.float32), (MANY * TEAM, 1))
+    commands = np.tile(np.array([-1.0, 0.0, -1.0], np.float32), (MANY * TEAM, 1))
     many.reset(seeds(MANY))
     spot = many.swarm.position.to_numpy().reshape(MANY, TEAM, 2)
     source = many.swarm.episodes.sources.to_numpy()
     source[2, 0] = spot[2, 1]
     many.swarm.episodes.sources.from_numpy(source)
     many.kernel.n.set(for_progress=0.0)
-    told[[5, 6, 7], 2] = 1.0  # the second robot of environment 2 is right, both of 3 are wrong
-    many.step(told)
+    commands[[5, 6, 7], 2] = 1.0  # the second robot of environment 2 is right, both of 3 are wrong
+    many.step(commands)
     many.kernel.n.set(for_progress=1.0)
     assert many.terminated.tolist() == [False, False, True, True, False]
     assert many.info["found"].tolist() == [0, 0, 1, 0, 0]
     assert many.rewards[5] - many.rewards[4] == pytest.approx(0.0, abs=0.05)  # what one finds all have found
     assert many.rewards[4] > 0.9
     assert many.rewards[6] < -0.19
-    many.step(told)
+    many.step(commands)
     assert not many.terminated[2:4].any()
     assert (many.rewards[4:8] == 0.0).all()
     assert many.info["episode_number"].tolist() == [0, 0, 1, 1, 0]
@@ -343,11 +343,11 @@ def test_bad_actions_move_nothing(engines):
     _, many = engines
     many.reset(seeds(MANY))
     before = many.swarm.position.to_numpy()
-    told = np.zeros((MANY * TEAM, 3), np.float32)
+    commands = np.zeros((MANY * TEAM, 3), np.float32)
     for value, text in ((np.nan, "nan"), (1.5, "1.5"), (-np.inf, "-inf")):
-        told[7, 1] = value
+        commands[7, 1] = value
         with pytest.raises(ValueError, match=f"environment 3: action 1 of robot 1 is {text};"):
-            many.step(told)
+            many.step(commands)
     np.testing.assert_array_equal(many.swarm.position.to_numpy(), before)
 
 
@@ -365,14 +365,14 @@ def test_where_no_room_is_found_by_chance_teams_start_at_free_places(engines):
 def test_tensors_share_the_same_episodes(engines):
     torch = pytest.importorskip("torch")
     _, many = engines
-    told = actions(many, 10).reshape(10, -1, 3)
+    commands = actions(many, 10).reshape(10, -1, 3)
     many.reset(seeds(MANY))
     seen = []
     for arrays in ("numpy", "torch"):
         many._allocate(arrays)
         many.autoreset = "same_step"
         many.reset(seeds(MANY), np.ones(MANY, bool))
-        for row in told:
+        for row in commands:
             many.step(row if arrays == "numpy" else torch.from_numpy(row))
         kinds = [many.observations, many.rewards, many.truncated, many.final_observations]
         assert all(isinstance(one, torch.Tensor if arrays == "torch" else np.ndarray) for one in kinds)
@@ -439,12 +439,12 @@ def test_robots_are_those_of_an_ordinary_run(engines):
     assert here.any()
     plain = Swarm([model], *starts, swarm.clearance, np.empty((0, 2)), 3)
     noses = Sensors(plain, 2, 0.1, air.species)
-    told = actions(many, 7)
-    told[..., 2] = -1.0
+    commands = actions(many, 7)
+    commands[..., 2] = -1.0
     plain.move(1, 0.1, 0.1)
     noses.measure(air, air, 1, 0.1)
     tick = 1
-    for row in told:
+    for row in commands:
         many.step(row.reshape(-1, 3))
         share = row.reshape(-1, 3)
         plain.speed_command.from_numpy(0.5 * (1.0 + share[:, 0]) * np.float32(0.4))

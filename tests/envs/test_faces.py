@@ -81,11 +81,11 @@ def at_once(envs: Any, mode: str) -> list[list[tuple]]:
             steps[e].append((seen[e], rewards[e], ended[e], late[e], final))
         assert not (begins & over).any()
         assert (rewards[begins] == 0).all()
-        told = info.get("final_info", info)
-        assert ("found" in told) == over.any()
+        expected = info.get("final_info", info)
+        assert ("found" in expected) == over.any()
         if over.any():
-            np.testing.assert_array_equal(told["_found"], over)
-            np.testing.assert_array_equal(told["found"][over] == 1, ended[over])
+            np.testing.assert_array_equal(expected["_found"], over)
+            np.testing.assert_array_equal(expected["found"][over] == 1, ended[over])
         seen = after
     return steps
 
@@ -157,7 +157,7 @@ def test_the_last_observation_stays_valid_for_a_step(made):
 
 
 @pytest.mark.parametrize(
-    ("actions", "told"),
+    ("actions", "expected"),
     [
         (np.full((COUNT, 2), np.nan), "nan"),
         (np.full((COUNT, 2), 1.5), "1.5"),
@@ -167,17 +167,17 @@ def test_the_last_observation_stays_valid_for_a_step(made):
         ([{}] * COUNT, "an array of numbers"),
     ],
 )
-def test_bad_actions_are_refused_in_a_line_and_nothing_moves(made, actions, told):
+def test_bad_actions_are_refused_in_a_line_and_nothing_moves(made, actions, expected):
     envs = made("same_step")
     envs.reset(seed=2)
     before = envs.unwrapped.episodes.swarm.position.to_numpy()
-    with pytest.raises(ValueError, match=told) as error:
+    with pytest.raises(ValueError, match=expected) as error:
         envs.step(actions)
     assert "\n" not in str(error.value)
     np.testing.assert_array_equal(envs.unwrapped.episodes.swarm.position.to_numpy(), before)
     single = made("single")
     single.reset(seed=2)
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=expected):
         single.step(actions[0])
 
 
@@ -220,7 +220,7 @@ WALKED = {
 
 
 @pytest.mark.parametrize(
-    ("keys", "told"),
+    ("keys", "expected"),
     [
         ({"scenario": "nowhere.yaml"}, "nowhere.yaml"),
         ({"scenario": task(robots=[])}, "robots"),
@@ -236,16 +236,16 @@ WALKED = {
         ({"scenario": TASK, "reward": 3.0}, r"reward: got 3.0, must be a function"),
     ],
 )
-def test_what_is_no_task_is_told_in_a_line(keys, told):
+def test_what_is_no_task_is_reported_in_a_line(keys, expected):
     for make in (gymnasium.make, gymnasium.make_vec):
-        with pytest.raises(ValueError, match=told) as error:
+        with pytest.raises(ValueError, match=expected) as error:
             make(ID, **keys)
         assert "\n" not in str(error.value)
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=expected):
         parallel_env(**keys)
 
 
-def test_numbers_that_no_vector_has_are_told_in_a_line():
+def test_numbers_that_no_vector_has_are_reported_in_a_line():
     for count in (0, -1, 1.5, 10**10):
         with pytest.raises(ValueError, match="num_envs: got"):
             gymnasium.make_vec(ID, num_envs=count, scenario=TASK)  # type: ignore[arg-type]
@@ -256,7 +256,7 @@ def test_numbers_that_no_vector_has_are_told_in_a_line():
 
 
 @pytest.mark.parametrize("seed", [-1, 2**64, 1.5, "one", [1.5, 2, 3], [1, 2]])
-def test_what_is_no_seed_is_told_in_a_line(made, seed):
+def test_what_is_no_seed_is_reported_in_a_line(made, seed):
     with pytest.raises(ValueError, match="seed: got") as error:
         made("same_step").reset(seed=seed)
     assert "\n" not in str(error.value)
@@ -278,16 +278,16 @@ def test_gymnasiums_wrappers_count_episodes(made):
         return None
 
     still = np.array([-1.0, 0.0], np.float32)
-    told = count(wrappers.RecordEpisodeStatistics(made("single")), still)
-    assert told
-    assert told["l"] == made("single").unwrapped.episodes.most_steps == 8
+    expected = count(wrappers.RecordEpisodeStatistics(made("single")), still)
+    assert expected
+    assert expected["l"] == made("single").unwrapped.episodes.most_steps == 8
     many = wrappers.vector.RecordEpisodeStatistics(made("same_step"))
-    told = count(many, np.tile(still, (COUNT, 1)))
-    assert told
-    assert told["l"].tolist() == [8] * COUNT
+    expected = count(many, np.tile(still, (COUNT, 1)))
+    assert expected
+    assert expected["l"].tolist() == [8] * COUNT
 
 
-def test_a_missing_package_is_told_with_its_extra(monkeypatch):
+def test_a_missing_package_is_reported_with_its_extra(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(
         ImportError, match=r'pettingzoo is not installed; pip install "taichi_plume\[learn\]"'
@@ -428,7 +428,7 @@ def test_a_closed_engine_serves_the_next_of_its_task(made):
     """It is as new: the same episodes, in arrays of its own, and nothing is compiled."""
     first = gymnasium.make(ID, scenario=TASK).unwrapped
     actions = np.random.default_rng(3).uniform(-1, 1, (5, 2)).astype(np.float32)
-    told = [first.reset(seed=4)[0], *(first.step(action)[0] for action in actions)]
+    expected = [first.reset(seed=4)[0], *(first.step(action)[0] for action in actions)]
     engine, before = first.episodes, kernels.compiled()
     shown = engine.observations
     kept = shown.copy()
@@ -438,7 +438,7 @@ def test_a_closed_engine_serves_the_next_of_its_task(made):
     with pytest.raises(ValueError, match="reset"):
         second.step(actions[0])
     again = [second.reset(seed=4)[0], *(second.step(action)[0] for action in actions)]
-    assert np.array_equal(told, again)
+    assert np.array_equal(expected, again)
     assert np.array_equal(shown, kept)
     assert kernels.compiled() == before
     assert made("single").unwrapped.episodes is not engine

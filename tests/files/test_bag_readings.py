@@ -98,7 +98,7 @@ def test_resistances_become_ppm(tmp_path):
     ppm = 10.0 * AT
     raw = 5e4 * (1 + ppm * 3.0 ** (-1 / 0.7)) ** -0.7
     reported = [(t, "/gas", gas(t, r, "ohm", **LAW)) for t, r in zip(AT, raw, strict=True)]
-    (one,) = bag_readings.read(write(tmp_path / "told", [*poses(), *reported]))
+    (one,) = bag_readings.read(write(tmp_path / "expected", [*poses(), *reported]))
     np.testing.assert_allclose(one.ppm, ppm, rtol=1e-6)
     raw = 30e3 * (1 + ppm / 4.32) ** -0.7155
     bare = [(t, "/gas", gas(t, r, "ohm")) for t, r in zip(AT, raw, strict=True)]

@@ -269,7 +269,7 @@ def source(**keys: Any) -> dict[str, Any]:
         ({}, {"uniformWind": True}, "its wind is uniform"),
     ],
 )
-def test_faults_are_told_in_a_line(tmp_path, sim, config, fault):
+def test_faults_are_reported_in_a_line(tmp_path, sim, config, fault):
     path = project(tmp_path, sim, config)
     if "models" in config:
         (tmp_path / "10x6_room/environment_configurations/config1/OccupancyGrid3D.csv").unlink()

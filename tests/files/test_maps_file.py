@@ -102,7 +102,7 @@ def linked(path: Path) -> None:
         (linked, "which is no plain file"),
     ],
 )
-def test_damage_is_told_in_a_line(path, damage, fault):
+def test_damage_is_reported_in_a_line(path, damage, fault):
     damage(path)
     with refused(RunFolderError, path, fault):
         maps_file.read(path)

@@ -198,7 +198,7 @@ def test_what_the_tests_make_is_a_case_for_another_reader(tmp_path, keys):
         ("1/U", b"List<vector> \n24", b"List<vector> \n99999999999999999999", "has no list"),
     ],
 )
-def test_faults_are_told_in_a_line(tmp_path, file, old, new, reported):
+def test_faults_are_reported_in_a_line(tmp_path, file, old, new, reported):
     small_case(tmp_path)
     content = (tmp_path / file).read_bytes()
     assert old in content

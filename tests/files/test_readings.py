@@ -99,7 +99,7 @@ def test_one_group_of_many(tmp_path):
         (None, {}, "cannot be read: No such file or directory"),
     ],
 )
-def test_what_is_wrong_is_told_in_one_line(content, chosen, reported, tmp_path):
+def test_what_is_wrong_is_reported_in_one_line(content, chosen, reported, tmp_path):
     path = tmp_path / "a.csv"
     if content is not None:
         path.write_bytes(content)

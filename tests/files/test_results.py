@@ -201,17 +201,17 @@ def test_result(tmp_path):
     sim = fake_run.simulation(fake_run.scenario(2, duration=9, warm_up=1))
     sim.run()
     result.write_result(tmp_path, result.result(sim, "completed", "", "cpu"))
-    told = json.loads((tmp_path / "result.json").read_text(), parse_constant=pytest.fail)
-    assert (told["status"], told["seed"], told["backend"]) == ("completed", 7, "cpu")
-    assert told["cells"] == 80 * 60
-    assert told["simulated_s"] == pytest.approx(10)
-    assert told["steps"] == 100
-    assert told["gas"]["relative_error"] == pytest.approx(0.05)  # 2 emitted, 1.9 found again
-    (group,) = told["groups"]
+    reported = json.loads((tmp_path / "result.json").read_text(), parse_constant=pytest.fail)
+    assert (reported["status"], reported["seed"], reported["backend"]) == ("completed", 7, "cpu")
+    assert reported["cells"] == 80 * 60
+    assert reported["simulated_s"] == pytest.approx(10)
+    assert reported["steps"] == 100
+    assert reported["gas"]["relative_error"] == pytest.approx(0.05)  # 2 emitted, 1.9 found again
+    (group,) = reported["groups"]
     assert group["success_rate"] == 1
     for key, value in {"time_s": 8, "found": 1, "path_m": 1.8, "team_path_m": 7.2}.items():
         assert group["per_trial"][key] == pytest.approx([value, value])
-    series, _ = told["maps"]
+    series, _ = reported["maps"]
     assert series["kind"] == "time_series"
     assert series["correlation"] == pytest.approx(1)
     assert series["forecast"] == {"time_s": [5.0], "error_ppm": [pytest.approx(10 / 6)]}
@@ -221,8 +221,8 @@ def test_result(tmp_path):
 def test_warm_up_counts_in_whole_ticks(tmp_path):
     sim = fake_run.simulation(fake_run.scenario(2, duration=2, warm_up=0.25, tick=0.1))
     sim.run()
-    told = result.result(sim, "completed", "", "cpu")
-    assert told["simulated_s"] == pytest.approx(told["steps"] * 0.1) == pytest.approx(2.3)
+    reported = result.result(sim, "completed", "", "cpu")
+    assert reported["simulated_s"] == pytest.approx(reported["steps"] * 0.1) == pytest.approx(2.3)
 
 
 def test_failed_search_is_null(tmp_path):
@@ -276,15 +276,15 @@ def test_first_finder_counts():
         "declarations": np.zeros(5, int),
         "false_declarations": np.zeros(5, int),
     }
-    told = scores.trial_outcomes(group, snapshot, np.array([[0.0, 0.0], [9.0, 9.0]]))
+    reported = scores.trial_outcomes(group, snapshot, np.array([[0.0, 0.0], [9.0, 9.0]]))
     expected = {"group": ["team", "team"], "trial": [0, 1], "success": [True, False], "found": [2, 0]}
     expected |= {"acquisitions": [3, 7], "hits": [1, 1], "bumps": [0, 3], "team_path_m": [5.0, 9.0]}
-    assert {key: told[key] for key in expected} == expected
-    assert told["final_distance_m"] == pytest.approx([0.2, 1.0])
+    assert {key: reported[key] for key in expected} == expected
+    assert reported["final_distance_m"] == pytest.approx([0.2, 1.0])
     # time since the group set off; the way is 3 m for 1.5 m
-    assert [told[key][0] for key in ("time_s", "path_m", "overhead")] == [3.5, 3.0, 2.0]
-    assert np.isnan(told["time_s"][1])
-    assert np.isnan(told["declarations"]).all()  # casting never declares
+    assert [reported[key][0] for key in ("time_s", "path_m", "overhead")] == [3.5, 3.0, 2.0]
+    assert np.isnan(reported["time_s"][1])
+    assert np.isnan(reported["declarations"]).all()  # casting never declares
 
 
 def test_summary_has_the_intervals_of_the_textbooks():
@@ -293,20 +293,20 @@ def test_summary_has_the_intervals_of_the_textbooks():
     names = ("time_s", "path_m", "overhead", "acquisitions", "hits", "bumps", "declarations", "outcome")
     names += ("declared_time_s", "localisation_error_m", "false_declarations")
     trials = {name: times for name in names}
-    told = scores.trial_summary({"success": [True] * 8 + [False] * 2, **trials}, duration=100.0)
-    assert told["success_rate"]["low"] == pytest.approx(0.4902, abs=1e-3)
-    assert told["success_rate"]["high"] == pytest.approx(0.9433, abs=1e-3)
-    assert told["time_s"]["mean"] == 4.5
+    reported = scores.trial_summary({"success": [True] * 8 + [False] * 2, **trials}, duration=100.0)
+    assert reported["success_rate"]["low"] == pytest.approx(0.4902, abs=1e-3)
+    assert reported["success_rate"]["high"] == pytest.approx(0.9433, abs=1e-3)
+    assert reported["time_s"]["mean"] == 4.5
     for end, sign in (("low", -1), ("high", 1)):
         expected = np.log(4.5) + sign * 2.3646 * np.sqrt(6.0 / 8) / 4.5
-        assert np.log(told["hits"][end]) == pytest.approx(expected, rel=1e-3)
-    assert 0 < told["time_s"]["low"] < 4.5 < told["time_s"]["high"] < 100.0
+        assert np.log(reported["hits"][end]) == pytest.approx(expected, rel=1e-3)
+    assert 0 < reported["time_s"]["low"] < 4.5 < reported["time_s"]["high"] < 100.0
     few = scores.trial_summary(
         {"success": [True] * 2, **{name: values[6:8] for name, values in trials.items()}}, duration=100.0
     )
     assert few["time_s"]["mean"] == 7.5
     assert np.isnan(few["time_s"]["low"])
-    assert told["time_s"]["n"] == 8
-    assert told["time_with_failures_s"]["mean"] == pytest.approx(23.6)
+    assert reported["time_s"]["n"] == 8
+    assert reported["time_with_failures_s"]["mean"] == pytest.approx(23.6)
     none = scores.trial_summary({"success": [False], **{key: [None] for key in trials}}, duration=1.0)
     assert none["time_s"]["mean"] is None

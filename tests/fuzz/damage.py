@@ -142,8 +142,8 @@ class Damage:
     def folder(self, path: Path) -> None:
         """Damage a folder of files: one of them, or what there is of them."""
         files = sorted(file for file in path.rglob("*") if file.is_file())
-        told = [file for file in files if file.suffix == ".json"]
-        file = self._one(told if told and self.rng.random() < 0.5 else files)
+        reported = [file for file in files if file.suffix == ".json"]
+        file = self._one(reported if reported and self.rng.random() < 0.5 else files)
         what = self.rng.random()
         if what < 0.8:
             file.write_bytes(self.damaged(file.read_bytes(), file.suffix == ".json"))

@@ -17,7 +17,7 @@ import numpy as np
 from taichi_plume.files import manifest
 from tests.fuzz.damage import Damage
 from tests.fuzz.formats import FORMATS, Reader, make
-from tests.fuzz.watched import Outcome, Worker, told
+from tests.fuzz.watched import Outcome, Worker, reported
 
 MEMORY = 2 << 30  # bytes that reading may take
 LIMIT = 10.0  # s
@@ -84,7 +84,7 @@ def main() -> int:
     for name in args.formats:
         found = list(damaging.outcomes(name, range(args.first, args.first + args.count)))
         bad |= any(not outcome.good for _, outcome in found)
-        print(f"{name}:", *told(found), sep="\n", flush=True)
+        print(f"{name}:", *reported(found), sep="\n", flush=True)
     damaging.worker.close()
     shutil.rmtree(folder)
     return int(bad)

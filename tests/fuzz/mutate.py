@@ -128,9 +128,9 @@ class Mutator:
         node, key = place
         old = node[key]
         if isinstance(old, str):
-            told = re.fullmatch(r"([-+.\de]+)( .*)", old)
-            if told:
-                node[key] = f"{float(told[1]) * self._factor():.4g}{told[2]}"
+            number = re.fullmatch(r"([-+.\de]+)( .*)", old)
+            if number:
+                node[key] = f"{float(number[1]) * self._factor():.4g}{number[2]}"
             elif key in CHOICES:
                 node[key] = self._one(CHOICES[key])
         elif isinstance(old, int) and not isinstance(old, bool):

@@ -22,7 +22,7 @@ from taichi_plume.scenario.loading import ScenarioError, read_scenario
 from tests.fuzz import bases
 from tests.fuzz.mutate import Mutator
 from tests.fuzz.runs import Runner
-from tests.fuzz.watched import Outcome, Worker, told, tried
+from tests.fuzz.watched import Outcome, Worker, reported, tried
 
 MEMORY = 4 << 30  # bytes that loading may take
 LIMIT = 10.0  # s
@@ -153,10 +153,10 @@ def main() -> int:
     accepted: dict[int, str] = {}
     numbers = range(args.first, args.first + args.mutants)
     outcomes = list(fuzzing.loaded(numbers, accepted))
-    print("loaded:", *told(outcomes), sep="\n", flush=True)
+    print("loaded:", *reported(outcomes), sep="\n", flush=True)
     if args.run:
         ran = list(fuzzing.run(accepted, args.run))
-        print(f"run, of {len(accepted)}:", *told(ran), sep="\n")
+        print(f"run, of {len(accepted)}:", *reported(ran), sep="\n")
         outcomes += ran
     shutil.rmtree(folder, ignore_errors=True)
     return int(any(not outcome.good for _, outcome in outcomes))

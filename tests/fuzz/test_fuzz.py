@@ -7,7 +7,7 @@ import pytest
 from tests.fuzz.files import Damaging
 from tests.fuzz.formats import FORMATS
 from tests.fuzz.scenarios import Fuzzing
-from tests.fuzz.watched import Outcome, told
+from tests.fuzz.watched import Outcome, reported
 
 pytestmark = pytest.mark.slow
 
@@ -20,7 +20,7 @@ def faults(outcomes: Iterable[tuple[str, Outcome]], meant: set[str]) -> str:
     """What is wrong with outcomes, among which are those that are meant."""
     found = list(outcomes)
     assert {outcome.kind for _, outcome in found} >= meant
-    return "\n".join(told(found)) if any(not outcome.good for _, outcome in found) else ""
+    return "\n".join(reported(found)) if any(not outcome.good for _, outcome in found) else ""
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Jobs in a child process that is watched: one that crashes, hangs or takes too much memory is told of and replaced."""
+"""Jobs in a child process that is watched: one that crashes, hangs or takes much memory is reported and replaced."""
 
 import multiprocessing
 import os
@@ -41,7 +41,7 @@ class Outcome:
 def tried(call: Callable[[], Any], allowed: tuple[type[BaseException], ...]) -> Outcome:
     """What comes of a call: accepted, refused with clean lines by an error of the allowed types, or a fault."""
     try:
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as reported:
             warnings.simplefilter("always")
             warnings.simplefilter("ignore", DeprecationWarning)
             result = call()
@@ -57,8 +57,8 @@ def tried(call: Callable[[], Any], allowed: tuple[type[BaseException], ...]) -> 
         place = f"{ours[-1].filename.rpartition('/')[2]}:{ours[-1].name}" if ours else ""
         text = "".join(traceback.format_exception(error)[-8:])[-3000:]
         return Outcome("raw", text, f"{type(error).__name__} in {place}")
-    if told:
-        one = told[0]
+    if reported:
+        one = reported[0]
         return Outcome(
             "warned", str(one.message), f"{one.category.__name__} in {one.filename.rpartition('/')[2]}"
         )
@@ -138,7 +138,7 @@ class Worker:
             self.process = None
 
 
-def told(outcomes: Iterable[tuple[str, Outcome]]) -> Iterator[str]:
+def reported(outcomes: Iterable[tuple[str, Outcome]]) -> Iterator[str]:
     """What came of jobs by these names: how many of each kind, and of each fault how many and the first."""
     kinds, faults, first = Counter(), Counter(), {}
     for name, outcome in outcomes:

@@ -101,7 +101,7 @@ def test_the_first_row_is_the_upper_edge_and_what_is_transparent_is_unknown(tmp_
         ("image: plan.pgm", "a: 1", "has no key image"),
     ],
 )
-def test_faults_are_told_in_a_line(tmp_path, old, new, reported):
+def test_faults_are_reported_in_a_line(tmp_path, old, new, reported):
     path = write(tmp_path, np.zeros((4, 4), bool))
     text = path.read_text()
     assert old in text

@@ -133,7 +133,7 @@ def test_every_format_is_read_as_it_is_and_every_cut_is_reported(tmp_path, name)
         ("a.off", b"", r"must end in \.stl, \.obj or \.ply"),
     ],
 )
-def test_damage_is_told(tmp_path, name, content, reported):
+def test_damage_is_reported(tmp_path, name, content, reported):
     with pytest.raises(MeshError, match=reported) as caught:
         solid(tmp_path / name, content)
     assert str(caught.value).isprintable()

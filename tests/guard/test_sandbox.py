@@ -69,7 +69,7 @@ def test_files_are_limited(process: ConfinedProcess, tmp_path) -> None:
     other.close()
 
 
-def test_a_crash_is_told(process: ConfinedProcess) -> None:
+def test_a_crash_is_reported(process: ConfinedProcess) -> None:
     with pytest.raises(ConfinedError, match="SIGABRT"):
         process.call(os.abort)
 

@@ -28,10 +28,10 @@ def test_every_character_prints_as_itself_or_as_its_escape():
 
 def test_long_lines_lose_their_middle():
     path = "/" + "a" * 5000 + ": cannot be read: File name too long"
-    told = visible(path)
-    assert len(told) <= LONGEST_LINE
-    assert told.startswith("/aaa")
-    assert told.endswith(": cannot be read: File name too long")
+    reported = visible(path)
+    assert len(reported) <= LONGEST_LINE
+    assert reported.startswith("/aaa")
+    assert reported.endswith(": cannot be read: File name too long")
     assert len(visible("\x1b" * 5000)) <= LONGEST_LINE
     assert visible("b" * 5000, None) == "b" * 5000
 
@@ -40,9 +40,9 @@ def test_say(capsys):
     say("one\ntwo", WICKED)
     say(WICKED, error=True, end="")
     say()
-    told = capsys.readouterr()
-    assert told.out == f"one\\ntwo\n{visible(WICKED)}\n"
-    assert told.err == visible(WICKED)
+    reported = capsys.readouterr()
+    assert reported.out == f"one\\ntwo\n{visible(WICKED)}\n"
+    assert reported.err == visible(WICKED)
 
 
 def test_input_errors_escape_each_line():
@@ -71,15 +71,15 @@ def test_the_console_sends_its_own_codes_alone(monkeypatch, coloured):
     with Progress(console=one) as bar:
         bar.add_task(WICKED, total=1)
         bar.refresh()
-    told = stream.getvalue()
-    assert "[/x]" in told
-    assert ("\x1b[1m" in told) == coloured
-    assert not {"\x07", "\x08", "\x9b", "\u202e", "\u2066", "\ud800", "\x1b]"} & set(told)
-    assert "]0;title" in told
-    assert "\x1b]" not in told
+    reported = stream.getvalue()
+    assert "[/x]" in reported
+    assert ("\x1b[1m" in reported) == coloured
+    assert not {"\x07", "\x08", "\x9b", "\u202e", "\u2066", "\ud800", "\x1b]"} & set(reported)
+    assert "]0;title" in reported
+    assert "\x1b]" not in reported
 
 
-def test_the_command_line_is_told_visibly(capsys):
+def test_the_command_line_is_printed_visibly(capsys):
     parser = Parser(prog="p")
     parser.add_argument("--n", type=int)
     with pytest.raises(SystemExit) as ended:

@@ -72,10 +72,10 @@ def test_tables_tell_outcomes_and_how_many_airs(run):
     assert rows["false declarations"][0] == "0.333 a trial"
 
 
-def test_groups_that_share_the_arena_are_told_so(tmp_path):
-    told = made_run.result(made_run.scenario())
-    told["groups"][0]["shares_arena_with"] = ["others"]
-    run = Run(made_run.made(tmp_path / "run", told=told), lenient=True)
+def test_groups_that_share_the_arena_are_named(tmp_path):
+    reported = made_run.result(made_run.scenario())
+    reported["groups"][0]["shares_arena_with"] = ["others"]
+    run = Run(made_run.made(tmp_path / "run", content=reported), lenient=True)
     (section,) = [one for one in Parts(run, False).all() if one.key == "trials"]
     assert "The robots of pair were in one arena with those of others" in section.lines[0]
     assert page.write(run).exists()

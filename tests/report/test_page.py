@@ -110,7 +110,7 @@ def test_success_is_named_and_counts_robots(tmp_path, report, status, found, sho
     model = made_run.scenario()
     result = made_run.result(model, status=status, message="no more to do")
     result["groups"][0]["per_trial"]["found"] = [found]
-    page = report(made_run.made(tmp_path / "run", model, told=result))
+    page = report(made_run.made(tmp_path / "run", model, content=result))
     assert shown in page.text
     assert "stopped" not in page.text
     assert f"found a source {found} of 2 robots" in page.text
@@ -152,9 +152,9 @@ def test_names_stay_text(tmp_path, report):
     group = model.robots[0].model_copy(update={"name": WORDS})
     folder = made_run.made(tmp_path / "run", model.model_copy(update={"robots": (group,)}))
     keys = {"message": WICKED, "remarks": [WICKED], "name": WICKED, "status": "<b>odd", "version": "<i>"}
-    told = made_run.result(model, **keys)
-    told["groups"][0]["name"] = WORDS
-    write_result(folder, told)
+    reported = made_run.result(model, **keys)
+    reported["groups"][0]["name"] = WORDS
+    write_result(folder, reported)
     made_run.record(folder / "recording.rrd", quantity=WICKED)
     file = folder / "scenario.yaml"
     head, _, rest = file.read_text(encoding="utf-8").partition("\n")
@@ -195,15 +195,15 @@ def test_the_page_shows_what_there_is(tmp_path, report, dim, changes, recording,
 
 def test_runs_that_failed_are_reported_and_shown(tmp_path, report):
     for status in ("failed", "unstable", "interrupted"):
-        told = {"name": "made", "status": status, "message": "it broke at t = 3 s", "seed": 0}
-        page = report(made_run.made(tmp_path / status, told=told))
+        reported = {"name": "made", "status": status, "message": "it broke at t = 3 s", "seed": 0}
+        page = report(made_run.made(tmp_path / status, content=reported))
         assert f"{status} it broke at t = 3 s" in page.text
         assert "Mean ethanol" in page.titles
 
 
 def test_a_run_that_was_killed_is_shown_as_far_as_it_came(tmp_path, report):
-    told = {"name": "made", "status": "running", "message": "t = 4.00 s", "seed": 0}
-    folder = made_run.made(tmp_path / "run", told=told)
+    reported = {"name": "made", "status": "running", "message": "t = 4.00 s", "seed": 0}
+    folder = made_run.made(tmp_path / "run", content=reported)
     (folder / "recording.rrd").write_bytes((folder / "recording.rrd").read_bytes()[:-1500])
     unfinished(folder / "robots.parquet")
     page = report(folder)
@@ -251,7 +251,7 @@ def test_bad_folders_are_one_line_each(tmp_path, capsys):
 def test_a_result_that_says_other_things_is_reported_in_a_line(tmp_path, capsys, status, changes):
     """In the page itself if the run did not end by itself."""
     model = made_run.scenario(maps=[GMRF])
-    folder = made_run.made(tmp_path / "run", model, told=made_run.result(model, status=status, **changes))
+    folder = made_run.made(tmp_path / "run", model, content=made_run.result(model, status=status, **changes))
     code, said = main([str(folder)]), capsys.readouterr().err
     if status == "killed":
         assert code == 0
@@ -267,11 +267,11 @@ def test_thousands_of_trials_make_a_small_page(tmp_path, report):
     area = {"kind": "area", "low": [2, 0.3], "high": [3.8, 2.7]}
     team = {"name": "pair", "count": 2, "trials": 1000, "algorithm": {"kind": "casting"}, "start": area}
     model = made_run.scenario(robots=[team])
-    told = made_run.result(model)
-    trials = told["groups"][0]
+    reported = made_run.result(model)
+    trials = reported["groups"][0]
     per_trial = {"success": [True] * 1000, "found": [1] * 1000, "time_s": list(np.linspace(2, 9, 1000))}
     trials |= {"trials": 1000, "trials_differ_by": "starts and chance", "per_trial": per_trial}
-    page = report(made_run.made(tmp_path / "run", model, trials=200, told=told))
+    page = report(made_run.made(tmp_path / "run", model, trials=200, content=reported))
     assert "Shown are 2 of 2,000 robots" in page.text
     assert "Success over time" in page.titles
     assert (tmp_path / "run" / NAME).stat().st_size < 1e6

@@ -193,9 +193,9 @@ def test_a_file_with_nan_is_refused_by_the_command(tmp_path, capsys):
     text = to_yaml(whole).replace("p: 1.5", "p: .nan").replace("[2.5]", "[2.5, {r: .inf}]")
     (tmp_path / "nan.yaml").write_text(text)
     assert run.main([str(tmp_path / "nan.yaml"), "--check"]) == 2
-    told = capsys.readouterr().err
-    assert "robots[0].algorithm.parameters.p: got nan: must be" in told
-    assert "Traceback" not in told
+    reported = capsys.readouterr().err
+    assert "robots[0].algorithm.parameters.p: got nan: must be" in reported
+    assert "Traceback" not in reported
     (tmp_path / "good.yaml").write_text(to_yaml(whole))
     assert run.main([str(tmp_path / "good.yaml"), "--check", "--set", f"{PATH}.q.0=.inf"]) == 2
     assert "robots[0].algorithm.parameters.q[0]: got inf: must be" in capsys.readouterr().err

@@ -70,7 +70,7 @@ def test_each_file_is_opened_once(path, monkeypatch):
     assert resources.faults == {}
 
 
-def test_what_cannot_be_used_is_a_fault_and_told_by_the_checks(path):
+def test_what_cannot_be_used_is_a_fault_and_reported_by_the_checks(path):
     (path.parent / "plume.pslog").unlink()
     (path.parent / "box.stl").unlink()
     scenario = read_scenario(path)
@@ -114,9 +114,9 @@ def test_a_dict_is_loaded_as_a_file_is(tmp_path):
         ([ROOM], "got list"),
         (None, "got NoneType"),
     ):
-        with pytest.raises(ScenarioError) as told:
+        with pytest.raises(ScenarioError) as reported:
             load_scenario(source)  # type: ignore[arg-type]
-        assert line in str(told.value)
+        assert line in str(reported.value)
 
 
 def test_a_changed_scenario_is_checked_as_by_set():
@@ -133,9 +133,9 @@ def test_a_changed_scenario_is_checked_as_by_set():
         ({"duration": -1}, "duration: got -1"),
         ({"": 1}, "path of a key"),
     ):
-        with pytest.raises(ScenarioError) as told:
+        with pytest.raises(ScenarioError) as reported:
             room.with_(changes)
-        assert line in str(told.value)
+        assert line in str(reported.value)
 
 
 def test_a_copy_refuses_a_misspelt_key_and_a_bad_value():
@@ -176,9 +176,9 @@ def test_values_of_python_are_taken_as_those_of_yaml(tmp_path):
         ({"obstacles": [loop]}, "nested deeper"),
         ({3: 1}, "the key 3 must be a text"),
     ):
-        with pytest.raises(ScenarioError) as told:
+        with pytest.raises(ScenarioError) as reported:
             load_scenario({**ROOM, **dict[Any, Any](bad)})
-        assert line in str(told.value)
+        assert line in str(reported.value)
     with pytest.raises(ScenarioError, match="give a dict"):
         room.with_(None)  # type: ignore[arg-type]
     with pytest.raises(ScenarioError, match="give a list"):

@@ -153,7 +153,7 @@ def test_a_metal_oxide_calibrated_for_another_gas_reads_that_rightly():
     assert sensor.reads("ethanol", 50.0) > 500.0  # which it feels far better
 
 
-def test_what_is_told_of_a_species_counts_before_the_curve():
+def test_what_is_given_for_a_species_counts_before_the_curve():
     sensor = MoxSensor(kind="mox", model="tgs2620", sensitivity={"methane": 0.25, "hydrogen": 0.0})
     assert (sensor.weight("methane"), sensor.bend("methane")) == (0.25, None)
     assert sensor.weight("hydrogen") == sensor.reads("hydrogen", 9.0) == 0.0

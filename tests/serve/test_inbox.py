@@ -1,4 +1,4 @@
-"""What is told to robots: taken, or counted and told in a line; whatever comes."""
+"""Commands to robots, whatever comes: each is taken, or counted and reported in a line."""
 
 from contextlib import suppress
 
@@ -50,7 +50,7 @@ def drive(number=1, tick=0, robot=(0,), speed=0.1, turn_rate=0.2) -> bytes:
     return commands(number, tick, robot, speed=[speed] * count, turn_rate=[turn_rate] * count)
 
 
-def test_a_robot_does_what_it_was_told_last(velocities):
+def test_a_robot_carries_out_its_last_command(velocities):
     assert (velocities.orders().state == AWAITED).all()
     velocities.hear_commands(drive(1, robot=(0, 2)))
     velocities.hear_commands(drive(2, speed=0.3))
@@ -118,8 +118,8 @@ def test_the_client_that_was_started_last_drives(velocities, monkeypatch):
     assert velocities.orders().speed[0] == pytest.approx(0.2)
     assert velocities.counts == {"taken": 501, "late": 1}
     assert velocities.number[0] == number
-    told = ros.decode(ros.READINGS, ros.encode(ros.message(ros.READINGS, answered=velocities.number)))
-    assert told.answered[0] == number
+    reported = ros.decode(ros.READINGS, ros.encode(ros.message(ros.READINGS, answered=velocities.number)))
+    assert reported.answered[0] == number
 
 
 def test_what_tells_no_tick_answers_the_newest_readings(velocities):

@@ -68,9 +68,9 @@ def served(folder, *options: str, port: int, scenario=SCENARIO, env=None):
 
 
 def end(process) -> str:
-    told = process.communicate(timeout=ENOUGH)[1]
-    assert process.returncode == 0, told
-    return told
+    reported = process.communicate(timeout=ENOUGH)[1]
+    assert process.returncode == 0, reported
+    return reported
 
 
 def result(folder) -> dict:
@@ -90,8 +90,8 @@ def test_ten_lines_drive_a_robot(tmp_path):
         end(process)
     assert seen[-1].position[:, 0] == pytest.approx([3 - 0.1 * seen[-1].t] * 2, abs=0.03)
     assert seen[-1].robot.tolist() == [0, 1]
-    told = result(tmp_path)["service"]
-    assert told["messages"]["team"]["malformed"] == 0
+    reported = result(tmp_path)["service"]
+    assert reported["messages"]["team"]["malformed"] == 0
     import pyarrow.parquet as pq
 
     table = pq.read_table(tmp_path / "out/robots.parquet").to_pandas()
@@ -136,8 +136,8 @@ def subscribed(link, topic: str):
                 continue
             assert said[0] == 1
             return ros.decode(ros.GAS_SENSOR, said[13:])
-        told = json.loads(said)
-        for one in told.get("channels", ()) if told["op"] == "advertise" else ():
+        reported = json.loads(said)
+        for one in reported.get("channels", ()) if reported["op"] == "advertise" else ():
             if one["topic"] == topic:
                 assert (one["encoding"], one["schemaEncoding"]) == ("cdr", "ros2msg")
                 wanted = [{"id": 1, "channelId": one["id"]}]
@@ -212,7 +212,7 @@ def test_a_token_is_asked_for(tmp_path):
         (["--set", f"robots=[{TWINS}]"], "have the same topics, the_team/..."),
     ],
 )
-def test_what_is_wrong_is_told_in_a_line(tmp_path, monkeypatch, capsys, options, why):
+def test_what_is_wrong_is_reported_in_a_line(tmp_path, monkeypatch, capsys, options, why):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "live.yaml").write_text(yaml.safe_dump(SCENARIO))
     try:
@@ -245,10 +245,10 @@ def test_an_address_that_is_taken(tmp_path):
         one.bind(("127.0.0.1", 0))
         one.listen()
         with served(tmp_path, "--websocket", "0", port=one.getsockname()[1]) as process:
-            told = process.communicate(timeout=ENOUGH)[1]
-            assert process.returncode == 2, told
-            assert "cannot be opened" in told
-            assert "Traceback" not in told
+            reported = process.communicate(timeout=ENOUGH)[1]
+            assert process.returncode == 2, reported
+            assert "cannot be opened" in reported
+            assert "Traceback" not in reported
 
 
 def test_a_team_needs_an_address():

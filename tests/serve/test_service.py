@@ -184,7 +184,7 @@ def test_waiting_for_answers_nothing_depends_on_the_clock(served):
     np.testing.assert_array_equal(tracks(Pace(inf, wait=True), 0.01), tracks(Pace(inf, wait=True), 7.0))
 
 
-def test_what_is_told_of_each_robot(served):
+def test_messages_of_each_robot(served):
     robots, _ = served(Robots.drive)
     decoded = dict(robots.messages)
     assert robots.messages[-1][1].ended
@@ -296,7 +296,7 @@ def test_lost_and_back(served, capsys):
     assert moving[:14].all()
     assert not moving[16:20].any()
     assert moving[22:].all()
-    told = capsys.readouterr().err
-    assert "my_team_1 lost: no command received, standing still" in told
-    assert "my_team_1 back" in told
+    reported = capsys.readouterr().err
+    assert "my_team_1 lost: no command received, standing still" in reported
+    assert "my_team_1 back" in reported
     assert service.summary()["messages"]["my_team"]["times_lost"] == 1

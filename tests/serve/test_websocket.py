@@ -242,9 +242,9 @@ def test_messages_before_and_after_the_service_listens(link, capfd):
 )  # fmt: skip
 def test_invalid_messages_are_answered(link, message, why):
     link.wants(*GAS)
-    told = answer(link, message)
-    assert (told["op"], told["level"]) == ("status", 2)
-    assert why in told["message"]
+    reported = answer(link, message)
+    assert (reported["op"], reported["level"]) == ("status", 2)
+    assert why in reported["message"]
 
 
 # ---------------------------------------------------------------- what is kept

@@ -1,4 +1,4 @@
-"""What workers do in tests of campaigns, instead of simulating: it sleeps, fails, kills its process, as told.
+"""What workers do in tests of campaigns, instead of simulating: it sleeps, fails, kills its process, as requested.
 
 A request's `changes` say what it does: sleep [s], fail (a message), raise (a message), kills (how many times it kills
 the process that does it; marks lie in the study's folder), burn [s of CPU].
@@ -24,24 +24,24 @@ def work(task: Task) -> list[Record] | AirRecord:
 
 def run(task: Task, request: Request) -> Record:
     begun, clock = time.time(), time.perf_counter()
-    told = task.base | request.changes
+    reported = task.base | request.changes
     mark(task, request)
-    if deaths(task, request) <= told.get("kills", 0):
+    if deaths(task, request) <= reported.get("kills", 0):
         os.kill(os.getpid(), signal.SIGKILL)
-    if told.get("full"):
+    if reported.get("full"):
         raise OSError(28, "No space left on device")
-    if told.get("raise"):
-        raise ValueError(told["raise"])
+    if reported.get("raise"):
+        raise ValueError(reported["raise"])
     if task.film is not None:
         assert (task.film / "whole").exists()
-    time.sleep(told.get("sleep", 0.0))
-    until = time.process_time() + told.get("burn", 0.0)
+    time.sleep(reported.get("sleep", 0.0))
+    until = time.process_time() + reported.get("burn", 0.0)
     while time.process_time() < until:
         pass
-    simulated = 0.0 if told.get("fail") else time.perf_counter() - clock
+    simulated = 0.0 if reported.get("fail") else time.perf_counter() - clock
     cost = Cost(begun, time.perf_counter() - clock, simulated, 0, str(os.getpid()))
-    if told.get("fail"):
-        return Record(request.run, "failed", told["fail"], [], {}, cost)
+    if reported.get("fail"):
+        return Record(request.run, "failed", reported["fail"], [], {}, cost)
     row = {"group": "robots", "algorithm": "casting", "trial": 0, "searched": True}
     row |= {"success": request.number % 3 > 0, "found": 1, "time_s": 1 / (1 + request.number)}
     return Record(request.run, "completed", "", [row], {"number": request.number / 7}, cost)
@@ -59,11 +59,11 @@ def deaths(task: Task, request: Request) -> int:
 
 
 def solve_air(task: Task) -> AirRecord:
-    told, air = task.base, task.requests[0].air
+    reported, air = task.base, task.requests[0].air
     with (task.options.out / "airs.txt").open("a") as file:
         file.write(f"{air} {len(task.requests)}\n")
-    time.sleep(told.get("solve", 0.0))
-    if air in told.get("bad_airs", ()):
+    time.sleep(reported.get("solve", 0.0))
+    if air in reported.get("bad_airs", ()):
         return AirRecord(air, 0.1, 0, 0, "unstable at t = 1 s")
     assert task.film is not None
     films = [one for one in task.film.parent.glob("*.zarr")]
@@ -73,7 +73,7 @@ def solve_air(task: Task) -> AirRecord:
     fresh.mkdir()
     (fresh / "whole").touch()
     fresh.rename(task.film)
-    return AirRecord(air, told.get("solve", 0.0), 10, 100)
+    return AirRecord(air, reported.get("solve", 0.0), 10, 100)
 
 
 def why_not(scenario: dict, outcomes: dict, share: str, keep: tuple = ()) -> str | None:

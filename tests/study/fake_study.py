@@ -19,12 +19,12 @@ from taichi_plume.studies.messages import Axis, Request
 from taichi_plume.studies.study_run import Settings, execute
 
 
-def plan_of(folder: Path, told: dict[str, Any]) -> Any:
+def plan_of(folder: Path, reported: dict[str, Any]) -> Any:
     """A plan whose runs have a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     texts = {"study.yaml": b"base: base.yaml\n", "base.yaml": b"name: fake\n"}
-    runs, airs, structures = told.get("runs", 60), told.get("airs", 1), told.get("structures", 1)
-    changes = told.get("changes", {})
+    runs, airs, structures = reported.get("runs", 60), reported.get("airs", 1), reported.get("structures", 1)
+    changes = reported.get("changes", {})
     requests = tuple(
         Request(
             f"{n:016x}", n, n % 7, {"speed": n / 10}, n, n % airs, f"{n % airs:04x}", True,
@@ -41,7 +41,7 @@ def plan_of(folder: Path, told: dict[str, Any]) -> Any:
     }
     study = SimpleNamespace(**about, share_air="exact", model_dump=lambda mode: about)
     return SimpleNamespace(
-        study=study, file=folder / "study.yaml", folder=folder, base={"duration": 60.0} | told.get("base", {}),
+        study=study, file=folder / "study.yaml", folder=folder, base={"duration": 60.0} | reported.get("base", {}),
         axes=(Axis("speed", "m/s", False),), requests=requests,
         texts=texts, classes={},
     )  # fmt: skip
@@ -51,12 +51,12 @@ def main() -> int:
     scheduler.work = fake_labour.work
     air_plan.why_not = fake_labour.why_not
     air_plan.scenario_of = lambda base, changes: base | changes
-    out, told, *options = sys.argv[1:]
+    out, reported, *options = sys.argv[1:]
     given: dict[str, Any] = {}
     for name, _, value in (one.lstrip("-").partition("=") for one in options):
         given[name.replace("-", "_")] = {"workers": int, "scheduler": str}.get(name, lambda _: True)(value)
     settings = Settings(Path(out), report=False, **given)
-    plan = plan_of(Path(f"{out}-case"), json.loads(told))
+    plan = plan_of(Path(f"{out}-case"), json.loads(reported))
     return exit_code(lambda: print_end(execute(plan, settings), quiet=False, report=False))
 
 

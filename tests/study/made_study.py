@@ -57,13 +57,13 @@ def plan(
                     changes={}, structure="s",
                 )
             )  # fmt: skip
-    told = {
+    reported = {
         "name": "fake", "kind": "sweep", "airs": airs, "searches": searches, "sampling": None,
         "axes": varied or {one: {"key": one} for one in axes},
         "outcomes": PATHS, **study,
     }  # fmt: skip
     return SimpleNamespace(
-        study=SimpleNamespace(model_dump=lambda mode: told),
+        study=SimpleNamespace(model_dump=lambda mode: reported),
         file=Path("study.yaml"), folder=Path(), base={"duration": 60.0}, axes=tuple(axes.values()),
         requests=tuple(requests),
     )  # fmt: skip
@@ -92,8 +92,8 @@ def record(request: Request, trials: list[dict[str, Any]] | None = None, **more:
     cost = Cost(1e9 + request.number, 2.0, 1.5, 0, f"tcp://127.0.0.1:{request.number % 2}")
     trials = [trial(0), trial(1, False), trial(2, None)] if trials is None else trials
     outcomes = more.pop("outcomes", {"correlation": 0.5, "error": None})
-    told = {PATHS[name]: value for name, value in outcomes.items()}
-    return Record(request.run, "completed", "", trials, told, cost)._replace(**more)
+    reported = {PATHS[name]: value for name, value in outcomes.items()}
+    return Record(request.run, "completed", "", trials, reported, cost)._replace(**more)
 
 
 def records(plan: Any, make: Callable[[Request], Record] = record) -> list[Record]:

@@ -57,7 +57,7 @@ def test_an_outcome_of_some_points_alone_can_be(tmp_path):
     assert load_plan(write(tmp_path, axes={"maps": maps}, outcomes={"c": "maps.0.correlation"}))
 
 
-def test_a_fault_of_many_points_is_told_once_with_the_values_that_have_it(tmp_path):
+def test_a_fault_of_many_points_is_reported_once_with_the_values_that_have_it(tmp_path):
     place = {"key": "gas.sources.0.position", "values": [[0.3, 0.5], [5, 0.5]]}
     ceiling = {"key": "robots.0.reach", "values": [0.1, 0.2, 0.3]}
     (line,) = faults(write(tmp_path, axes={"speed": SPEED, "place": place, "reach": ceiling}))
@@ -70,7 +70,7 @@ def test_a_fault_of_many_points_is_told_once_with_the_values_that_have_it(tmp_pa
     assert " and 5 more (8 points): gas.sources[0].position: (0.3, 0.5) m is inside obstacles[0]" in line
 
 
-def test_what_is_wrong_with_the_base_is_told_as_such(tmp_path):
+def test_what_is_wrong_with_the_base_is_reported_as_such(tmp_path):
     bad = ROOM | {"duration": "4 kg"}
     (line,) = faults(write(tmp_path, bad))
     assert line.startswith("room.yaml: duration: got '4 kg'")

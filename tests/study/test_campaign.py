@@ -30,14 +30,14 @@ ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join(PATHS)}
 ENOUGH = 60.0  # s, for anything
 
 
-def command(out: Path, told: dict, *options: str) -> list[str]:
-    return [sys.executable, str(HERE / "fake_study.py"), str(out), json.dumps(told), *options]
+def command(out: Path, reported: dict, *options: str) -> list[str]:
+    return [sys.executable, str(HERE / "fake_study.py"), str(out), json.dumps(reported), *options]
 
 
-def start(out: Path, told: dict, *options: str, **more) -> "subprocess.Popen[str]":
+def start(out: Path, reported: dict, *options: str, **more) -> "subprocess.Popen[str]":
     """In a process group of its own, as a shell does."""
     return subprocess.Popen(
-        command(out, told, *options),
+        command(out, reported, *options),
         env=ENVIRONMENT | more.pop("env", {}),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -50,17 +50,17 @@ def start(out: Path, told: dict, *options: str, **more) -> "subprocess.Popen[str
 def finish(process: "subprocess.Popen[str]") -> tuple[int, str]:
     """Exit code, and all that was printed."""
     try:
-        told = "".join(process.communicate(timeout=2 * ENOUGH))
+        reported = "".join(process.communicate(timeout=2 * ENOUGH))
     finally:
         if process.poll() is None:
             process.kill()
-    assert "Traceback" not in told, told
-    assert "distributed" not in told, told
-    return process.returncode, told
+    assert "Traceback" not in reported, reported
+    assert "distributed" not in reported, reported
+    return process.returncode, reported
 
 
-def study(out: Path, told: dict, *options: str) -> tuple[int, str]:
-    return finish(start(out, told, *options))
+def study(out: Path, reported: dict, *options: str) -> tuple[int, str]:
+    return finish(start(out, reported, *options))
 
 
 def until(true, what: str = "it"):
@@ -110,8 +110,8 @@ def unbroken(tmp_path_factory) -> list[str]:
 def test_killed_and_resumed(tmp_path, unbroken):
     """SIGKILL to a worker, then to the scheduler's process, then Ctrl-C: each run is there once, and all as it was."""
     out = tmp_path / "out"
-    told = {"runs": 60, "structures": 3, "base": {"sleep": 0.2}}
-    first = start(out, told, "--workers=2")
+    reported = {"runs": 60, "structures": 3, "base": {"sleep": 0.2}}
+    first = start(out, reported, "--workers=2")
     until(lambda: parts(out) >= 2, "results")
     victim = workers(first, out)[0]
     victim.kill()
@@ -124,7 +124,7 @@ def test_killed_and_resumed(tmp_path, unbroken):
     kept = Store(out).statuses()
     assert 0 < len(kept) < 60
 
-    second = start(out, told, "--workers=2")
+    second = start(out, reported, "--workers=2")
     before = parts(out)
     until(lambda: parts(out) > before, "results")
     os.killpg(second.pid, signal.SIGINT)
@@ -137,7 +137,7 @@ def test_killed_and_resumed(tmp_path, unbroken):
         pq.read_table(out / "runs.parquet")["status"].to_pylist().count("completed") == len(table(out)) < 60
     )
 
-    code, said = study(out, told, "--workers=2")
+    code, said = study(out, reported, "--workers=2")
     assert code == 0, said
     assert table(out) == unbroken
     runs = Counter(one.run for one in Store(out).records())
@@ -184,12 +184,12 @@ def test_interrupted_while_a_scheduler_is_silent(tmp_path):
     assert "interrupted; finished runs are kept" in said
 
 
-def test_failures_are_told_and_retried(tmp_path):
+def test_failures_are_reported_and_retried(tmp_path):
     """Also those of runs that kill their workers: they alone are blamed, not those beside them."""
     out = tmp_path / "out"
     changes = {"7": {"kills": 99}, "20": {"fail": "it burst"}, "21": {"raise": "odd"}, "30": {"kills": 1}}
-    told = {"runs": 40, "base": {"sleep": 0.01}, "changes": changes}
-    code, said = study(out, told, "--workers=2")
+    reported = {"runs": 40, "base": {"sleep": 0.01}, "changes": changes}
+    code, said = study(out, reported, "--workers=2")
     assert code == 1
     assert "3 runs have failed" in said
     assert "37 of 40 runs are done" in said
@@ -202,12 +202,12 @@ def test_failures_are_told_and_retried(tmp_path):
     assert (out / "failed" / f"{7:016x}" / "message.txt").read_text().strip() == messages["07"]
     begun = (out / "begun.txt").read_text()
 
-    code, said = study(out, told, "--workers=2")
+    code, said = study(out, reported, "--workers=2")
     assert code == 1
     assert "3 runs have failed" in said
     assert (out / "begun.txt").read_text() == begun
 
-    code, said = study(out, told | {"changes": {}}, "--workers=2", "--retry")
+    code, said = study(out, reported | {"changes": {}}, "--workers=2", "--retry")
     assert code == 0, said
     assert set(Store(out).statuses().values()) == {"completed"}
     assert len(pq.read_table(out / "runs.parquet")) == 40
@@ -238,8 +238,8 @@ def test_airs_are_filmed_once_and_films_go(tmp_path, unbroken):
 
 def test_a_worker_is_killed_while_it_solves(tmp_path):
     out = tmp_path / "out"
-    told = {"runs": 20, "airs": 2, "base": {"shared": True, "solve": 3.0}}
-    process = start(out, told, "--workers=2")
+    reported = {"runs": 20, "airs": 2, "base": {"shared": True, "solve": 3.0}}
+    process = start(out, reported, "--workers=2")
     until(lambda: (out / "airs.txt").exists() and (out / "airs.txt").read_text().strip())
     for one in psutil.Process(process.pid).children(recursive=True):
         if "resource_tracker" not in " ".join(one.cmdline()):
@@ -344,8 +344,8 @@ def test_a_scheduler_started_by_hand(tmp_path, unbroken, address):
 def test_its_workers_come_late_and_die(tmp_path, unbroken, address):
     """Where Dask's own rule has it that a run is begun again elsewhere, up to four times."""
     out = tmp_path / "out"
-    told = {"runs": 60, "base": {"sleep": 0.02}, "changes": {"33": {"kills": 1}, "5": {"kills": 1}}}
-    process = start(out, told, f"--scheduler={address}")
+    reported = {"runs": 60, "base": {"sleep": 0.02}, "changes": {"33": {"kills": 1}, "5": {"kills": 1}}}
+    process = start(out, reported, f"--scheduler={address}")
     until(lambda: (out / "plan.parquet").exists())
     time.sleep(3)
     assert parts(out) == 0
@@ -358,9 +358,9 @@ def test_its_workers_come_late_and_die(tmp_path, unbroken, address):
 
 def test_the_scheduler_dies(tmp_path, unbroken):
     out = tmp_path / "out"
-    told = {"runs": 60, "base": {"sleep": 0.2}}
+    reported = {"runs": 60, "base": {"sleep": 0.2}}
     with scheduler(tmp_path) as (dying, address), worker(tmp_path, address), worker(tmp_path, address):
-        process = start(out, told, f"--scheduler={address}")
+        process = start(out, reported, f"--scheduler={address}")
         until(lambda: parts(out) >= 3)
         dying.kill()
         code, said = finish(process)
@@ -368,7 +368,7 @@ def test_the_scheduler_dies(tmp_path, unbroken):
     assert "the scheduler is gone" in said
     assert "the study resumes" in said
     assert 0 < len(Store(out).statuses()) < 60
-    assert study(out, told, "--workers=2")[0] == 0
+    assert study(out, reported, "--workers=2")[0] == 0
     assert table(out) == unbroken
 
 
@@ -385,18 +385,20 @@ def test_workers_of_no_use(tmp_path, address):
 
 def test_workers_that_do_not_see_the_folder(tmp_path):
     """They do not, where its study.yaml is not the same."""
-    told = "name: one"
+    reported = "name: one"
     assert why_unusable("0.0.1", tmp_path, b"", tmp_path).startswith("has taichi_plume")
-    assert "does not see the study's folder" in why_unusable(__version__, tmp_path, told.encode(), tmp_path)
-    (tmp_path / "study.yaml").write_text(told)
-    assert why_unusable(__version__, tmp_path, told.encode(), tmp_path) == ""
+    assert "does not see the study's folder" in why_unusable(
+        __version__, tmp_path, reported.encode(), tmp_path
+    )
+    (tmp_path / "study.yaml").write_text(reported)
+    assert why_unusable(__version__, tmp_path, reported.encode(), tmp_path) == ""
     assert "does not see the scenario's folder" in why_unusable(
-        __version__, tmp_path, told.encode(), tmp_path / "no"
+        __version__, tmp_path, reported.encode(), tmp_path / "no"
     )
 
 
 def test_workers_with_several_threads(tmp_path, address):
-    """Taichi is used by one at a time: they take turns, and the user is told."""
+    """Taichi is used by one at a time: they take turns, and the user is informed."""
     with worker(tmp_path, address, "--nthreads", "4"):
         code, said = study(tmp_path / "out", {"runs": 12, "base": {"sleep": 0.05}}, f"--scheduler={address}")
     assert code == 0

@@ -40,8 +40,8 @@ def test_what_does_not_converge(values, behaviour):
 def results(tmp_path):
     axes = {"spacing": Axis("spacing", "m", True), "algorithm": Axis("algorithm", "", True)}
     points = [(h, a) for h in (0.4, 0.1, 0.2) for a in ("casting", "spiral")]
-    told = {"spacing": {"key": "domain.spacing"}, "algorithm": {"variants": {}}}
-    plan = made_study.plan(axes, points, airs=6, kind="refinement", varied=told)
+    reported = {"spacing": {"key": "domain.spacing"}, "algorithm": {"variants": {}}}
+    plan = made_study.plan(axes, points, airs=6, kind="refinement", varied=reported)
     wobble = {one.air: n % 3 for n, one in enumerate(plan.requests)}
 
     def make(one):

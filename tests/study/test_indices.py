@@ -26,11 +26,11 @@ def design(samples: int) -> np.ndarray:
 def test_ishigami():
     """Its variance has a closed form (Ishigami & Homma 1990, doi:10.1109/ISUMA.1990.151285)."""
     samples = 4096
-    used, told = indices.sobol(ishigami(design(samples)), ("x", "y", "z"), samples)
+    used, reported = indices.sobol(ishigami(design(samples)), ("x", "y", "z"), samples)
     assert used == samples
-    assert [one.first for one in told.values()] == pytest.approx(FIRST, abs=0.02)
-    assert [one.total for one in told.values()] == pytest.approx(TOTAL, abs=0.02)
-    for one, first, total in zip(told.values(), FIRST, TOTAL, strict=True):
+    assert [one.first for one in reported.values()] == pytest.approx(FIRST, abs=0.02)
+    assert [one.total for one in reported.values()] == pytest.approx(TOTAL, abs=0.02)
+    for one, first, total in zip(reported.values(), FIRST, TOTAL, strict=True):
         assert one.first_low - 0.02 <= first <= one.first_high + 0.02
         assert one.total_low - 0.02 <= total <= one.total_high + 0.02
         assert one.total_high - one.total_low < 0.15
@@ -40,10 +40,10 @@ def test_what_is_missing_is_left_out_and_not_filled():
     samples = 512
     values = ishigami(design(samples))
     values[samples + 3] = np.nan  # of B
-    used, told = indices.sobol(values, ("x", "y", "z"), samples)
+    used, reported = indices.sobol(values, ("x", "y", "z"), samples)
     assert used == samples // 2
-    assert [one.total for one in told.values()] == pytest.approx(TOTAL, abs=0.1)
-    assert indices.sobol(values, ("x", "y", "z"), samples) == (used, told)  # the same again
+    assert [one.total for one in reported.values()] == pytest.approx(TOTAL, abs=0.1)
+    assert indices.sobol(values, ("x", "y", "z"), samples) == (used, reported)  # the same again
     assert indices.sobol(np.full(5 * 8, np.nan), ("x", "y", "z"), 8) == (0, {})
     assert indices.sobol(np.full(5 * 8, 3.0), ("x", "y", "z"), 8) == (8, {})
 
@@ -52,8 +52,8 @@ def test_indices_are_shares_of_the_variance():
     """Of 16 samples of noise the estimates themselves reach from -0.2 to 1.6."""
     samples = 16
     values = np.random.default_rng(3).normal(size=5 * samples)
-    _, told = indices.sobol(values, ("x", "y", "z"), samples)
-    found = np.array([list(one) for one in told.values()])
+    _, reported = indices.sobol(values, ("x", "y", "z"), samples)
+    found = np.array([list(one) for one in reported.values()])
     assert (found >= 0.0).all()
     assert (found <= 1.0).all()
     assert (found[:, 1] <= found[:, 0]).all()
@@ -78,10 +78,10 @@ def test_a_study_has_them(tmp_path):
     frame = results.indices()
     times = frame[frame["quantity"] == "time_with_failures_s"].set_index("axis")
     runs = frame[frame["quantity"] == "correlation"].set_index("axis")
-    used, told = indices.sobol(ishigami(points), names, samples)
+    used, reported = indices.sobol(ishigami(points), names, samples)
     for name in names:
-        assert times.loc[name, "first"] == pytest.approx(told[name].first, abs=1e-6)
-        assert runs.loc[name, "total"] == pytest.approx(told[name].total, abs=1e-6)
+        assert times.loc[name, "first"] == pytest.approx(reported[name].first, abs=1e-6)
+        assert runs.loc[name, "total"] == pytest.approx(reported[name].total, abs=1e-6)
     assert used == times["used"].iloc[0] == samples
     assert times["noise"].iloc[0] == pytest.approx(0.25 / 3, rel=1e-3)  # means of airs 0.5 s apart
     assert "is chance from air to air" in times["words"].iloc[0]

@@ -23,8 +23,8 @@ def estimated(
     studies, airs, each = values.shape
     keys = np.repeat(np.arange(studies), airs * each)
     air = np.tile(np.repeat(np.arange(airs), each), studies)
-    told = estimates(values.ravel(), keys, air, np.full(values.size, by_chance), share, limits)
-    return [told[key] for key in range(studies)]
+    reported = estimates(values.ravel(), keys, air, np.full(values.size, by_chance), share, limits)
+    return [reported[key] for key in range(studies)]
 
 
 def covered(made: list[Estimate], truth: float) -> float:
@@ -48,8 +48,8 @@ def test_intervals_cover_the_truth_as_often_as_they_say(airs, each):
         times = np.where(
             found > 0, rng.gamma(4.0, 5.0, found.shape), 60.0
         )  # s: failures count as the whole run
-        told = estimated(times, share=False, limits=(0.0, 60.0))
-        means.append(covered([one for one in told if np.isfinite(one.low)], 20 * rate + 60 * (1 - rate)))
+        reported = estimated(times, share=False, limits=(0.0, 60.0))
+        means.append(covered([one for one in reported if np.isfinite(one.low)], 20 * rate + 60 * (1 - rate)))
     few = airs < intervals.FEWEST
     assert 0.90 <= np.mean(shares) <= (1.0 if few else 0.975)
     assert 0.88 <= np.mean(means) <= 0.985
@@ -64,13 +64,13 @@ def test_a_point_is_bootstrapped_as_scipy_does_it():
     found[0, 3, 2:] = np.nan  # runs that failed: airs of unequal weight
     (one,) = estimated(found)
     sums, counts = np.nansum(found[0], axis=1), np.isfinite(found[0]).sum(axis=1)
-    told = scipy.stats.bootstrap(
+    reported = scipy.stats.bootstrap(
         (sums, counts), lambda s, c, axis=-1: s.sum(axis=axis) / c.sum(axis=axis), paired=True,
         confidence_level=intervals.confidence(12), n_resamples=30_000, method="BCa", rng=1,
     ).confidence_interval  # fmt: skip
     assert one.mean == sums.sum() / counts.sum()
     assert (one.n, one.airs, one.over) == (79, 12, "airs")
-    assert (one.low, one.high) == pytest.approx(told, abs=0.02)
+    assert (one.low, one.high) == pytest.approx(reported, abs=0.02)
 
 
 def test_many_points_at_once_are_each_by_itself():
@@ -136,11 +136,11 @@ def test_searches_in_the_same_airs_are_compared_in_pairs():
     assert 0.18 < apart.low < 0.2 < apart.high < 0.22
     low, high = (end[0] for end in intervals.resampled(first[None], count[None]))
     assert high - low > 0.2
-    told = scipy.stats.bootstrap(
+    reported = scipy.stats.bootstrap(
         (second / 50 - first / 50,), np.mean, confidence_level=intervals.confidence(12), n_resamples=20_000,
         rng=1,
     ).confidence_interval  # fmt: skip
-    assert (apart.low, apart.high) == pytest.approx(told, abs=2e-3)
+    assert (apart.low, apart.high) == pytest.approx(reported, abs=2e-3)
     assert intervals.differences((first, count), (first, count)).over == "same"
     assert intervals.differences((first[:3], count[:3]), (second[:3], count[:3])).over == "few"
     assert intervals.differences((first[:2], count[:2]), (second[:2], count[:2])).over == "too few airs"

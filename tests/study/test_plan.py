@@ -1,4 +1,4 @@
-"""Plans of studies: every run once, ids that depend on what decides a run, and every fault told before the first."""
+"""Plans of studies: every run once, ids that depend on what decides a run, and every error reported before a run."""
 
 import json
 import subprocess
@@ -283,11 +283,11 @@ def test_a_film_counts_by_what_its_chunks_hold(tmp_path):
     film = tmp_path / "fields.zarr"
     film.mkdir()
     (film / "zarr.json").write_text("{}")
-    told = []
+    reported = []
     for content in (b"0.2", b"0.4"):
         (film / "c0").write_bytes(content)
-        told.append(Digests(tmp_path)._of(film))
-    assert told[0] != told[1]
+        reported.append(Digests(tmp_path)._of(film))
+    assert reported[0] != reported[1]
 
 
 def test_a_plan_is_the_same_in_another_process_and_ids_with_axes_in_another_order(tmp_path):

@@ -142,8 +142,8 @@ def test_that_holds_of_other_airs(case, tmp_path):
     ],
 )
 def test_why_an_air_is_not_shared_is_said(sections, outcomes, share, keep, why):
-    told = why_not(Scenario.model_validate(changed(ROOM, **sections)), outcomes, share, keep)
-    assert told is None if why is None else why in told
+    reported = why_not(Scenario.model_validate(changed(ROOM, **sections)), outcomes, share, keep)
+    assert reported is None if why is None else why in reported
 
 
 def test_gas_of_puffs_is_shared_by_its_cells_where_that_is_wanted(tmp_path):
@@ -160,7 +160,7 @@ def test_gas_of_puffs_is_shared_by_its_cells_where_that_is_wanted(tmp_path):
     np.testing.assert_array_equal(read[0][first], read[1][first])
 
 
-def test_an_air_that_fails_is_told_and_leaves_nothing(tmp_path):
+def test_an_air_that_fails_is_reported_and_leaves_nothing(tmp_path):
     base = changed(ROOM, gas=ROOM["gas"] | {"sources": [{"position": [0.9, 1.1], "rate": 1e-5}]})
     record = solve_air(tasks.task(base, [{}], tmp_path, tmp_path / "airs" / "a.zarr", structure="no air"))
     assert "inside obstacles" in record.message

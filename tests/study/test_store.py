@@ -83,7 +83,7 @@ def test_parts_with_more_columns_are_read(tmp_path, plan):
     begun(tmp_path, plan, [record()])
     part = tmp_path / "parts" / "000000.parquet"
     table = pq.read_table(part)
-    pq.write_table(table.add_column(3, "told", [["{}"]]), part)
+    pq.write_table(table.add_column(3, "expected", [["{}"]]), part)
     assert list(Store(tmp_path).records()) == [record()]
 
 
@@ -97,8 +97,8 @@ def test_the_last_one_done_counts(tmp_path, plan):
         [record("c" * 16, "failed", "first")],
         [record("c" * 16, "failed", "second")],
     )
-    told = {one.run[0]: (one.status, one.message) for one in store.records()}
-    assert told == {"a": ("completed", ""), "b": ("completed", ""), "c": ("failed", "second")}
+    expected = {one.run[0]: (one.status, one.message) for one in store.records()}
+    assert expected == {"a": ("completed", ""), "b": ("completed", ""), "c": ("failed", "second")}
 
 
 def test_it_goes_on_after_the_last_part(tmp_path, plan):
@@ -200,17 +200,17 @@ def fault_of(folder: Path) -> str:
 
 
 @pytest.mark.slow
-def test_damage_is_told_in_a_line(tmp_path, plan):
+def test_damage_is_reported_in_a_line(tmp_path, plan):
     begun(tmp_path, plan, [record()], [record("b" * 16)])
     part = tmp_path / "parts" / "000000.parquet"
     whole = part.read_bytes()
     unread = 0
     for n in range(0, len(whole), 7):
         part.write_bytes(whole[:n] + bytes([whole[n] ^ 0x41]) + whole[n + 1 :])
-        told = fault_of(tmp_path)
-        unread += told != ""
-        assert told.startswith(f"{part}: ") == (told != "")
-        assert "\n" not in told
+        expected = fault_of(tmp_path)
+        unread += expected != ""
+        assert expected.startswith(f"{part}: ") == (expected != "")
+        assert "\n" not in expected
     assert unread > len(whole) / 7 / 2
     part.write_bytes(b"")
     with pytest.raises(StoreError, match="remove it"):

@@ -24,13 +24,13 @@ def test_again_and_after_others_it_says_the_same(path):
     early = read_scenario(path, ["duration=0.5"])
     other = read_scenario(path, ["gas={kind: eulerian, sources: [{position: [-1, -1], rate: 1}]}"])
     for one in (scenario, other, early, scenario):
-        told = []
+        reported = []
         for check in (checks.checked, lambda one: checked(one, path.parent, True)):
             try:
-                told.append(check(one).scenario)
+                reported.append(check(one).scenario)
             except ScenarioError as error:
-                told.append(error.faults)
-        assert told[0] == told[1]
+                reported.append(error.faults)
+        assert reported[0] == reported[1]
     assert digests.ids(alone, {}) == Digests(path.parent).ids(alone, {})
 
 

@@ -1,4 +1,4 @@
-"""`python -m taichi_plume.study`: what is wrong is told in a line, before anything heavy is imported."""
+"""`python -m taichi_plume.study`: what is wrong is reported in a line, before anything heavy is imported."""
 
 import json
 import os
@@ -37,10 +37,10 @@ def refused(*line: str) -> int | str | None:
 
 def test_check_tells_what_it_makes(case, capsys):
     assert main(["study.yaml", "--check"]) == 0
-    told = capsys.readouterr().out
-    assert "runs: 6, at 3 points" in told
-    assert "airs: 2; 6 runs share their air with other runs" in told
-    assert "threshold [ppm]" in told
+    expected = capsys.readouterr().out
+    assert "runs: 6, at 3 points" in expected
+    assert "airs: 2; 6 runs share their air with other runs" in expected
+    assert "threshold [ppm]" in expected
     assert not (case / "studies").exists()
 
 
@@ -54,11 +54,11 @@ def test_check_of_many_points_checks_the_ends_and_a_sample(tmp_path, monkeypatch
     axes = {"rate": {"key": "gas.sources.0.rate", "low": 1e-6, "high": 1e-5}, "threshold": THRESHOLD}
     write(tmp_path, axes=axes, sampling={"kind": "latin", "count": 400}, airs=2)
     assert main(["study.yaml", "--check"]) == 0
-    told = capsys.readouterr().out
-    assert "runs: 2,400, at 1,200 points" in told
-    assert f"checked: {len(looked)} of these points" in told
-    assert "all before its first run" in " ".join(told.split())
-    assert "... and 1,190 points more" in told
+    expected = capsys.readouterr().out
+    assert "runs: 2,400, at 1,200 points" in expected
+    assert f"checked: {len(looked)} of these points" in expected
+    assert "all before its first run" in " ".join(expected.split())
+    assert "... and 1,190 points more" in expected
     assert len(looked) < 50
     rates = {one.gas.sources[0].rate for one in looked}
     every = load_plan(tmp_path / "study.yaml").requests
@@ -73,7 +73,7 @@ def test_check_of_many_points_checks_the_ends_and_a_sample(tmp_path, monkeypatch
 
 
 @pytest.mark.parametrize(
-    ("line", "told"),
+    ("line", "expected"),
     [
         (["study.yaml", "--workers", "2", "--scheduler", "tcp://a:1"], "it cannot go with --scheduler"),
         (["study.yaml", "--dashboard"], "--scheduler ADDRESS"),
@@ -81,13 +81,13 @@ def test_check_of_many_points_checks_the_ends_and_a_sample(tmp_path, monkeypatch
         (["report"], "required: DIR"),
     ],
 )
-def test_command_lines(case, capsys, line, told):
+def test_command_lines(case, capsys, line, expected):
     assert refused(*line) == 2
-    assert told in capsys.readouterr().err
+    assert expected in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
-    ("line", "told"),
+    ("line", "expected"),
     [
         (["study.yaml", "--out", "room.yaml"], "room.yaml: cannot be written to"),
         (
@@ -98,10 +98,10 @@ def test_command_lines(case, capsys, line, told):
         (["report", "nowhere"], "nowhere: is not the folder of a study"),
     ],
 )
-def test_bad_input_is_one_line(case, capsys, line, told):
+def test_bad_input_is_one_line(case, capsys, line, expected):
     assert main(line) == 2
     said = capsys.readouterr()
-    assert told in said.err
+    assert expected in said.err
     assert (said.out + said.err).count("\n") == 1
 
 
@@ -117,7 +117,7 @@ def test_code_needs_leave(case, capsys):
     assert not (case / "studies").exists()
 
 
-def test_bad_input_is_told_before_anything_heavy_is_imported(case):
+def test_bad_input_is_reported_before_anything_heavy_is_imported(case):
     write(case, axes={"threshold": THRESHOLD | {"key": "robots.0.algorithm.treshold"}})
     code = (
         "import sys; from taichi_plume.cli.study import main; code = main(['study.yaml']); "
@@ -137,16 +137,16 @@ def test_the_schema_describes_every_key(capsys):
     assert print_schema(Study) == 0
     schema = json.loads(capsys.readouterr().out)
     sections = [schema, *schema["$defs"].values()]
-    told = [one["description"] for section in sections for one in section["properties"].values()]
-    assert len(told) == len(list(all_keys(Study))) >= 20
-    for text in told:
+    expected = [one["description"] for section in sections for one in section["properties"].values()]
+    assert len(expected) == len(list(all_keys(Study))) >= 20
+    for text in expected:
         meaning = text.split("\n\n")[0]
         assert len(meaning.split()) >= 4
         assert len(first_sentence(meaning)) <= 115, meaning
         assert meaning[0].isupper()
 
 
-def test_a_key_is_found_by_its_name_and_what_is_near_is_told(capsys):
+def test_a_key_is_found_by_its_name_and_what_is_near_is_suggested(capsys):
     assert print_key("axes.values", Study) == 0
     assert capsys.readouterr().out.startswith("axes[].values\n  List of the key's values")
     with pytest.raises(InputError, match="share_air"):

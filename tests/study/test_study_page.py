@@ -58,12 +58,12 @@ def rate(values, rng):
 @pytest.fixture
 def sweep():
     axes = {"speed": Axis("speed", "m/s", True), "algorithm": Axis("algorithm", "", True)}
-    told = {
+    reported = {
         "speed": {"keys": ["wind.openings.0.speed", "robots.0.body.max_speed"]},
         "algorithm": {"variants": {"a": {"robots.0.algorithm": {}}}},
     }
     points = [(speed, name) for speed in (0.2, 0.6, 1.0) for name in ("casting", WICKED)]
-    return made_study.plan(axes, points, airs=6, searches=2, varied=told, base="arena.yaml", name=WICKED)
+    return made_study.plan(axes, points, airs=6, searches=2, varied=reported, base="arena.yaml", name=WICKED)
 
 
 def test_a_page_says_what_was_varied_and_what_came_of_it(write, sweep, tmp_path):
@@ -99,7 +99,7 @@ def declaring(request):
     return made_study.record(request, rows)
 
 
-def test_declarations_are_told_over_airs(write, sweep):
+def test_declarations_are_reported_over_airs(write, sweep):
     """But for those of searches for nothing."""
 
     def make(request):
@@ -179,14 +179,14 @@ def test_large_studies_stay_small(write):
 
 
 @pytest.mark.parametrize("name", ["plan.parquet", "runs.parquet", "trials"])
-def test_what_is_damaged_is_told_in_a_line(write, sweep, tmp_path, name):
+def test_what_is_damaged_is_reported_in_a_line(write, sweep, tmp_path, name):
     write(sweep, made_study.records(sweep))
     path = tmp_path / name
     path = next(path.rglob("*.parquet")) if path.is_dir() else path
     path.write_bytes(path.read_bytes()[:200])
-    with pytest.raises(RunFolderError, match="is damaged") as told:
+    with pytest.raises(RunFolderError, match="is damaged") as reported:
         page.write(tmp_path)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(reported.value)
 
 
 def test_costs_leave_out_pauses(sweep):
@@ -199,11 +199,11 @@ def test_costs_leave_out_pauses(sweep):
         records.append(
             record._replace(cost=record.cost._replace(begun=begun, worker=f"w{later}{turn % 2}", compiled=1))
         )
-    told = dict(cost_words(make_tables(planned(sweep), table_of(records)).costs))
-    assert told["wall time"] == "89 s, in 2 stretches, pauses between them left out"
-    assert told["runs"] == "72; 2 s each, of which 500 ms beyond the simulation itself"
-    assert told["workers"] == "2; at work 81 % of the time"  # 36 s of 44.5 s
-    assert told["kernels compiled"] == "72"
+    reported = dict(cost_words(make_tables(planned(sweep), table_of(records)).costs))
+    assert reported["wall time"] == "89 s, in 2 stretches, pauses between them left out"
+    assert reported["runs"] == "72; 2 s each, of which 500 ms beyond the simulation itself"
+    assert reported["workers"] == "2; at work 81 % of the time"  # 36 s of 44.5 s
+    assert reported["kernels compiled"] == "72"
 
 
 def test_the_command_to_go_on_finds_the_study(tmp_path, monkeypatch):

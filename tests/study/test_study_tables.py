@@ -67,12 +67,12 @@ def test_pandas_polars_and_duckdb_read_the_trials_in_a_line(folder, plan):
     place = folder / "trials"
     by_pandas = pd.read_parquet(place)
     by_polars = pl.read_parquet(place / "**/*.parquet", hive_partitioning=True)
-    told = duckdb.sql(f"from '{place}/**/*.parquet'")
+    reported = duckdb.sql(f"from '{place}/**/*.parquet'")
     assert {str(by_pandas[name].dtype) for name in ("success", "open")} == {"boolean"}
     assert {str(by_pandas[name].dtype) for name in ("count", "hits", "seed")} == {"Int64"}
     assert {by_polars[name].dtype for name in ("success", "open")} == {pl.Boolean}
     assert {by_polars[name].dtype for name in ("count", "hits", "seed")} == {pl.Int64}
-    kinds = dict(zip(told.columns, map(str, told.types), strict=True))
+    kinds = dict(zip(reported.columns, map(str, reported.types), strict=True))
     assert {kinds[name] for name in ("success", "open")} == {"BOOLEAN"}
     assert {kinds[name] for name in ("count", "hits", "seed")} == {"BIGINT"}
     for kind in (
@@ -176,12 +176,12 @@ def test_an_axis_may_be_a_column_of_the_tables(tmp_path, name, values):
     assert {"run", "success", "status", "c"} <= columns.taken(["c"])
 
 
-def test_what_cannot_be_used_is_told_in_a_line(folder):
+def test_what_cannot_be_used_is_reported_in_a_line(folder):
     def fault() -> str:
-        with pytest.raises(RunFolderError) as told:
+        with pytest.raises(RunFolderError) as reported:
             open_study(folder).trials()
-        assert "\n" not in str(told.value)
-        return str(told.value)
+        assert "\n" not in str(reported.value)
+        return str(reported.value)
 
     with pytest.raises(RunFolderError, match="does not exist; give the folder of a study"):
         open_study(folder / "gone")

@@ -59,8 +59,8 @@ def test_rows_and_outcomes_are_those_of_the_result_of_the_run_alone(tmp_path):
     assert not run.main(
         [str(tmp_path / "a.yaml"), "--out", str(out), "--quiet", "--no-recording", "--no-report"]
     )
-    told = open_run(out).result
-    columns = told["groups"][0]["per_trial"]
+    reported = open_run(out).result
+    columns = reported["groups"][0]["per_trial"]
     assert len(record.trials) == 3
     for row in record.trials:
         k = row["trial"]
@@ -68,12 +68,12 @@ def test_rows_and_outcomes_are_those_of_the_result_of_the_run_alone(tmp_path):
         assert row["searched"]
         assert row["time_with_failures_s"] == (row["time_s"] if row["success"] else 2.0)
         assert (row["group"], row["algorithm"]) == ("casters", "casting")
-    group, one = told["groups"][0], told["maps"][0]
+    group, one = reported["groups"][0], reported["maps"][0]
     assert record.outcomes == {
         "rate": group["success_rate"],
         "mae": one["per_trial"]["mae_ppm"][1],
-        "over_time": told["maps"][1]["mean_gas"]["error_ppm"][1],
-        "mass": pytest.approx(told["gas"]["emitted_kg"]),
+        "over_time": reported["maps"][1]["mean_gas"]["error_ppm"][1],
+        "mass": pytest.approx(reported["gas"]["emitted_kg"]),
         "no": None,
         "text": None,
     }
@@ -156,7 +156,7 @@ def test_probes_leave_no_folder_unless_asked_for(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_run_that_fails_is_told_and_left_to_be_repeated_and_the_next_goes_on(tmp_path):
+def test_a_run_that_fails_is_reported_and_left_to_be_repeated_and_the_next_goes_on(tmp_path):
     base = own(tmp_path)
     changes = [{"duration": 0.4}, {"duration": 2.0}]
     task = tasks.task(base, changes, tmp_path, structure="own", allow_code=True)
