@@ -32,7 +32,7 @@ def test_an_example_states_its_story_and_time_and_can_be_read(one):
     assert re.fullmatch(r"\d+ (s|min)", one.time)
     if one.kind == "study":
         assert load_plan(one.path).requests
-    elif one.kind != "program":
+    elif one.kind not in ("program", "launch"):
         load_scenario(one.path)
 
 
@@ -41,11 +41,12 @@ def test_an_example_states_its_story_and_time_and_can_be_read(one):
     [
         ("casting_room", "scenario"), ("studies/small_room", "scenario"), ("live/room", "live"),
         ("studies/wind_speeds", "study"), ("tasks/search_whiffs", "task"), ("learn_search.py", "program"),
+        ("live_room.launch.py", "launch"),
     ],
 )  # fmt: skip
 def test_kinds_are_distinguished(name, kind):
     assert bundled.example(name).kind == kind
-    assert {one.kind for one in ALL} == set(KINDS) == {*bundled.KINDS, "program"}
+    assert {one.kind for one in ALL} == set(KINDS) == {*bundled.KINDS, "program", "launch"}
 
 
 def test_in_a_wheel_the_files_lie_inside_the_package(tmp_path, monkeypatch):
@@ -70,6 +71,9 @@ def test_a_wheel_has_all_packages_and_the_files_of_configs():
     patterns = SETUP["package-data"]["taichi_plume.configs"]
     shipped = {path for pattern in patterns for path in (ROOT / "configs").glob(pattern)}
     assert shipped == {path for path in (ROOT / "configs").rglob("*") if path.is_file()}
+    (pattern,) = SETUP["package-data"]["taichi_plume.examples"]
+    layouts = {path for path in (ROOT / "examples").iterdir() if path.is_file() and path.suffix != ".py"}
+    assert set((ROOT / "examples").glob(pattern)) == layouts
 
 
 def test_an_unknown_name_is_refused_with_the_nearest_and_all_names():
@@ -123,6 +127,7 @@ def test_a_copy_has_the_files_that_an_example_reads(tmp_path, monkeypatch, capsy
         assert command(["examples", "--copy", one.name, "--out", str(out)]) == 0
         assert (out / one.path.name).read_bytes() == one.path.read_bytes()
         assert str(out / one.path.name) in capsys.readouterr().out
+    assert (tmp_path / "live_room.launch.py/live_room.foxglove.json").is_file()
     monkeypatch.chdir(tmp_path / "playback")
     assert sorted(path.name for path in Path().rglob("*.*")) == ["casting_room.pslog", "playback.yaml"]
     assert load_scenario("playback.yaml").name == "playback"

@@ -39,6 +39,7 @@ KINDS = {
     "study": Kind("studies", "python -m taichi_plume.study {}", "study"),
     "task": Kind("learning tasks", 'gymnasium.make("taichi_plume/Search-v0", scenario="{}")'),
     "program": Kind("programs", "python {}"),
+    "launch": Kind("launch files of ROS 2, with a layout of Foxglove", "ros2 launch {}"),
 }
 
 
@@ -116,11 +117,13 @@ def _copy(chosen: Example, out: Path) -> int:
 
 
 def _files_of(chosen: Example) -> list[Path]:
-    """Return the file of an example, the base scenario of a study, and the input files of the scenario."""
+    """Return the file of an example, the base scenario of a study, the input files of the scenario, or the layout."""
     from taichi_plume.scenario.input_files import files_of, input_files
     from taichi_plume.scenario.loading import read_scenario
     from taichi_plume.studies.plan import read_study
 
+    if chosen.kind == "launch":
+        return [chosen.path, chosen.path.with_name(chosen.name.replace(".launch.py", ".foxglove.json"))]
     if chosen.kind == "program":
         return [chosen.path]
     folder, base = chosen.path.parent, chosen.path

@@ -1,4 +1,5 @@
-"""Examples that travel with the package: the scenarios, studies and tasks of `configs/`, the programs of `examples/`.
+"""Examples that travel with the package: the scenarios, studies and tasks of `configs/`, the programs of `examples/`,
+beside launch files of ROS 2 with layouts of Foxglove.
 
 The first sentence of a file states what the example shows. The time of a run stands in the same comment, as "15 s on a
 laptop" or "90 s in real time".
@@ -21,7 +22,7 @@ TIME = re.compile(r"(\d+ (?:s|min)) (?:on a laptop|in real time)")
 
 
 class Example(NamedTuple):
-    """Bundled file. kind: one of KINDS, or program; story: first sentence; time: of a run, such as "15 s", or ""."""
+    """Bundled file. kind: one of KINDS, program or launch; story: first sentence; time: of a run ("15 s"), or ""."""
 
     name: str
     path: Path
@@ -60,7 +61,8 @@ def example(name: str) -> Example:
     path = path_of(name)
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".py":
-        kind, head = "program", ast.get_docstring(ast.parse(text)) or ""
+        kind = "launch" if path.name.endswith(".launch.py") else "program"
+        head = ast.get_docstring(ast.parse(text)) or ""
     else:
         kind = next(kind for kind, pattern in KINDS.items() if re.search(pattern, text, re.MULTILINE))
         head = "\n".join(
