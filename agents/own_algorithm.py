@@ -27,7 +27,7 @@ from taichi_plume.agents.parameters import Parameters
 from taichi_plume.agents.radio import NEVER, Radio
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.files import checkpoint
-from taichi_plume.files.own_class import OwnAlgorithmError, failures_told, file_of
+from taichi_plume.files.own_class import OwnAlgorithmError, failures_named, file_of
 from taichi_plume.grid.state import saves_itself
 from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario.algorithms import Own
@@ -46,13 +46,13 @@ class UserState:
 
     def state(self) -> object:
         """Return the state of the user's algorithm as plain data (numbers, texts, arrays, lists, dicts)."""
-        with failures_told(self.path):
+        with failures_named(self.path):
             state = self.algorithm.state()
             checkpoint.require_plain(state, "state()")
             return state
 
     def restore(self, state: object) -> None:
-        with failures_told(self.path):
+        with failures_named(self.path):
             self.algorithm.restore(state)
 
 
@@ -151,7 +151,7 @@ class OwnAlgorithm:
                 [f"robots[{self.members.numbers[0]}].algorithm.parameters: cannot change during a run, as "
                  f"{self.own.__name__} has no state() and restore(), which carry its state to a new object"]
             )  # fmt: skip
-        with failures_told(self.path):
+        with failures_named(self.path):
             self._next = self.own(**deepcopy(parameters))
 
     def begin(self) -> None:
@@ -164,7 +164,7 @@ class OwnAlgorithm:
         if self._next is None:
             self.prepare(group.model)
         self.algorithm, self._next = self._next, None
-        with failures_told(self.path):
+        with failures_named(self.path):
             self.STATE_NAMES = tuple(map(str, getattr(self.algorithm, "STATE_NAMES", ("SEARCH",))))
         self.kept = UserState(self.path, self.algorithm)
         self.STATE = ("robots", "messages", *(("kept",) if self.can_be_saved else ()))
@@ -184,7 +184,7 @@ class OwnAlgorithm:
         robots.readings = np.column_stack(
             [robots.reading, *(self.further.read() if self.further.columns else ())]
         )
-        with failures_told(self.path), robots.sealed():
+        with failures_named(self.path), robots.sealed():
             self.algorithm.act(robots)
             commands = [self._checked(column.written_as) for column in self.commands]
         if self.flies:

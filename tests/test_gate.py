@@ -11,7 +11,7 @@ from taichi_plume.assembly import own_code
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.preparation import load, load_scenario
 from taichi_plume.cli import run
-from taichi_plume.files.own_class import OwnAlgorithmError, OwnFile, failures_told
+from taichi_plume.files.own_class import OwnAlgorithmError, OwnFile, failures_named
 from taichi_plume.scenario.loading import ScenarioError
 
 SCENARIO = """
@@ -202,7 +202,7 @@ def test_the_users_own_ctrl_c_stays_one(tmp_path):
     before = signal.signal(signal.SIGALRM, signal.default_int_handler)
     try:
         signal.setitimer(signal.ITIMER_REAL, 0.05)
-        with pytest.raises(KeyboardInterrupt), failures_told(tmp_path / "own.py"):
+        with pytest.raises(KeyboardInterrupt), failures_named(tmp_path / "own.py"):
             algorithm.act(None)
     finally:
         signal.signal(signal.SIGALRM, before)

@@ -109,7 +109,7 @@ class OwnFile:
         module = ModuleType(f"own_algorithm_{self.path.stem}_{self.digest[:8]}")
         module.__file__ = str(self.path)
         sys.modules[module.__name__] = module  # for `inspect` and `dataclass`
-        with failures_told(self.path):
+        with failures_named(self.path):
             exec(compile(self.source, str(self.path), "exec", dont_inherit=True), module.__dict__)
         own = {
             key: value
@@ -150,7 +150,7 @@ def _acts(node: ast.ClassDef) -> bool:
 
 
 @contextmanager
-def failures_told(path: Path) -> Iterator[None]:
+def failures_named(path: Path) -> Iterator[None]:
     """Context that raises errors of the user's file, also SystemExit, as OwnAlgorithmError; Ctrl-C passes."""
     try:
         yield
