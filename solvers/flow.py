@@ -324,8 +324,13 @@ class FlowSolver(Carrier):
         return self.limits.longest_step(rate, self.courant)
 
     def diagnostics(self) -> dict[str, float]:
-        """Return the largest divergence (over max_speed/dx), Courant number (of all steps) and speed [m/s], by name."""
+        """Return the largest divergence (over max_speed/dx), Courant number (of all steps) and speed [m/s], by name.
+
+        With a turbulence model also the median and largest y+ of the cells at the domain's walls.
+        """
         u = [values.astype(np.float64) for values in self._read_velocity()]
+        y_plus = self.walls.y_plus(u) if self.walls is not None else np.empty(0)
+        heights = {"median": np.median(y_plus), "max": y_plus.max()} if len(y_plus) else {}
         if self.area is not None:
             u = [v * area for v, area in zip(u, self._area, strict=True)]
         net = sum(self.grid.inner(v - np.roll(v, -1, axis=d)) for d, v in enumerate(u))
@@ -334,6 +339,7 @@ class FlowSolver(Carrier):
             "max_divergence": float(np.abs(net).max() / max(self.max_speed, 1e-9)),
             "max_courant": self.max_courant,
             "max_speed": self.max_speed,
+            **{f"wall_y_plus_{name}": float(value) for name, value in heights.items()},
             **(self.heat.diagnostics() if self.heat is not None else {}),
         }
 

@@ -7,6 +7,7 @@ changes.
 """
 
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 import taichi as ti
@@ -16,6 +17,7 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Field, Pass, Template, visit
 from taichi_plume.grid.sweeps import sweep
+from taichi_plume.grid.transfer import reader
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.momentum import Momentum
 from taichi_plume.solvers.wall_law import near_surface
@@ -92,6 +94,33 @@ class Walls:
         bend = ti.select(self.b.mirror[d][K][d] < 0.0, bend, 1.0)
         straight = straightness(bend)
         return ti.Vector([bend, viscosity / (straight + (1.0 - straight) * bend)])
+
+    @cached_property
+    def _read(self) -> Callable[[], list[np.ndarray]]:
+        return reader(*self.bend, *self.viscosity, *self.b.target)
+
+    def y_plus(self, u: list[np.ndarray]) -> np.ndarray:
+        """Return y+ = y u_tau/nu in the middles of the cells of air at the walls, (count,), by the law's wall stress in
+        the last step. u: face velocities per axis [m/s], padded arrays.
+        """
+        y, nu, inner = 0.5 * self.grid.dx, float(self.m.viscosity[None]), self.grid.cells
+        fields = self._read()
+        middle = [0.5 * (v + np.roll(v, -1, axis=c)) for c, v in enumerate(u)]
+        found = [np.empty(0)]
+        for d in range(self.dim):
+            window = tuple(slice(None) if a == d else slice(*ends) for a, ends in enumerate(inner))
+            slope, law, target = fields[d :: self.dim]
+            square = np.zeros(self.b.sides[d])
+            for c in range(self.dim):
+                if c != d:
+                    sliding = 0.5 * (target[..., c] + np.roll(target[..., c], -1, axis=c))
+                    first = np.take(middle[c], (inner[d][0], inner[d][1] - 1), axis=d)
+                    square += (first - sliding) ** 2
+            straight = np.clip(2.0 * slope - 1.0, 0.0, 1.0)
+            friction = law * (straight + (1.0 - straight) * slope) * np.sqrt(square) / y
+            wall = self.b.is_wall[d] & (square[window] > 0.0)
+            found.append(y * np.sqrt(friction[window][wall]) / nu)
+        return np.concatenate(found)
 
     @ti.func
     def bend_at(self, K: Template, d: Template, c: Template):

@@ -26,11 +26,11 @@ def tracked() -> list[str]:
         return [str(path.relative_to(ROOT)) for path in ROOT.rglob("*") if path.is_file()]
 
 
-OTHERS = {"tp", "taichi_plume", "np", "pandas", "polars", "xarray", "rr", "ti", "zarr"}
+OTHERS = {"tp", "taichi_plume", "np", "pandas", "polars", "xarray", "rr", "ti", "zarr", "threading"}
 """Modules and short names of modules that hold names of other files or libraries."""
 PATHS = tracked()
 MODULES = [path for path in PATHS if path.endswith(".py")]
-OF_USERS = re.compile(r"(?:caption|file): (\w+\.py)\b")
+OF_USERS = re.compile(r"(?:caption|file): `?(\w+\.py)\b")
 """Python files of users, which documents show with a caption or a scenario names."""
 
 

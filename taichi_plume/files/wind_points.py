@@ -58,6 +58,11 @@ def find(folder: Path, pattern: str, interval: float) -> list[tuple[float, Path]
     marks = [*NUMBERED.findall(pattern), *re.findall(TIMED, pattern)]
     path = folder / pattern
     if not marks:
+        if path.is_dir():
+            what = "holds no mesh in constant/polyMesh or processor0/constant/polyMesh, so it is no case of OpenFOAM"
+            raise WindFileError(
+                f"{path}: this folder {what}; give a case, a time of a case, or files of points"
+            )
         reason = unopenable(path)
         if reason:
             raise WindFileError(f"{path}: {reason}")

@@ -59,6 +59,11 @@ FLOW = {
         "cells crossed by the air in a step; the scheme is stable up to 1.3 (CFL)",
     ),
     "max_speed": ("largest speed", "in m/s"),
+    "wall_y_plus_median": (
+        "median y+ at the walls",
+        "of the middles of the cells at the domain's walls, by the law of the wall; resolved below 3",
+    ),
+    "wall_y_plus_max": ("largest y+ at the walls", "at the end of the run"),
     "eddy_diffusivity_m2_per_s": (
         "eddy diffusivity",
         "mixing of the air, in m²/s, from particles in flows of this kind; 0.001 to 0.013 was measured in homes "

@@ -99,7 +99,7 @@ def test_numbered_and_timed_files(tmp_path):
         ("a_%d.csv", r"a_9\.csv: is missing, between a_8\.csv and a_10\.csv"),
         ("b_%d.csv", r"b_%d\.csv: there is no such file, whatever %d stands for"),
         ("b.csv", r"b\.csv: does not exist"),
-        ("set", "is a folder"),
+        ("set", r"set: .*constant/polyMesh.*files of points"),
         ("%g/%d", "one of %d and %g"),
     ]:
         with pytest.raises(WindFileError, match=fault):

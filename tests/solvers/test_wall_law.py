@@ -173,3 +173,29 @@ def test_distances_are_those_of_walls_and_of_true_surfaces():
     np.testing.assert_allclose(distances(Air.everywhere(grid), walls, grid), y, rtol=1e-5)
     away = distances(Air.of(blocks(grid.shape, np.s_[:, -1]), grid), walls, grid)
     np.testing.assert_allclose(away[:, :-1], np.minimum(y, 0.7 - y)[:, :-1], atol=1e-6)
+
+
+@pytest.mark.parametrize("speed", [0.002, 0.05, 0.5, 5.0])
+def test_y_plus_is_that_of_the_law_of_the_wall(speed):
+    """Uniform air along two walls: u+ of Reichardt's law, averaged over the cell, is u/u_tau."""
+    flow = flow_in(Grid((8, 10), 0.05, periodic=(True, False)), cfd(periodic("x"), viscosity=NU))
+    flow.start_from(lambda points: np.broadcast_to((speed, 0.0), points.shape))
+    y = 0.025
+
+    def excess(y_plus: float) -> float:
+        mean = quad(law_of_the_wall, 0.0, 2.0 * y_plus)[0] / (2.0 * y_plus)
+        return mean * y_plus - speed * y / NU
+
+    expected = brentq(excess, 1e-3, 1e5)
+    found = flow.walls.y_plus([field.to_numpy().astype(float) for field in flow.u])
+    assert found.shape == (2 * 8,)
+    np.testing.assert_allclose(found, expected, rtol=0.01)
+    assert flow.diagnostics()["wall_y_plus_max"] == pytest.approx(found.max())
+
+
+def test_y_plus_counts_the_speed_of_the_air_over_a_moving_wall_and_no_openings():
+    wall = {"kind": "wall", "face": "y-", "velocity": [0.5, 0.0]}
+    flow = flow_in(Grid((8, 10), 0.05, periodic=(True, False)), cfd([*periodic("x"), wall], viscosity=NU))
+    flow.start_from(lambda points: np.broadcast_to((0.5, 0.0), points.shape))
+    u = [field.to_numpy().astype(float) for field in flow.u]
+    assert len(flow.walls.y_plus(u)) == 8  # of the wall at rest alone: the other moves with the air
