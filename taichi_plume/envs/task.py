@@ -10,7 +10,7 @@ import numpy as np
 
 from taichi_plume.envs.picture import picture
 from taichi_plume.guard.terminal import visible
-from taichi_plume.scenario.loading import ScenarioError, scenario_from
+from taichi_plume.scenario.loading import Overrides, ScenarioError, scenario_from
 from taichi_plume.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class Options(TypedDict, total=False):
     """Options of every environment.
 
     bank: recorded flow realisations (airs) or their path; recorded now unless given. arch: backend, unless Taichi runs.
-    overrides: of a scenario file, such as ``task.episode=30``. allow_outside: whether files may lie outside its folder.
+    overrides: of a scenario file, as texts or a dict. allow_outside: whether files may lie outside its folder.
     truth: add the true state of the robots to `info`, by the key "truth", see `Truth` in envs/truth.py. reward:
     function that takes a `Transition` (envs/episodes.py) of all environments and returns the reward of each robot.
     """
@@ -44,12 +44,12 @@ class Options(TypedDict, total=False):
     reward: "Rewarder | None"
     bank: "Bank | str | Path | None"
     arch: str
-    overrides: Sequence[str]
+    overrides: Overrides
     allow_outside: bool
 
 
 def open_task(
-    scenario: Given, overrides: Sequence[str] = (), allow_outside: bool = False
+    scenario: Given, overrides: Overrides = (), allow_outside: bool = False
 ) -> tuple[Scenario, Path]:
     """Return the checked scenario of a task and the folder of its files; for a dict or Scenario the current folder.
 
@@ -59,8 +59,10 @@ def open_task(
 
     if isinstance(overrides, str):
         raise ValueError(f"overrides: got a text; give a list of texts, ['{visible(overrides)}']")
-    if not isinstance(overrides, Sequence) or not all(isinstance(text, str) for text in overrides):
-        raise ValueError("overrides: must be a list of texts, such as ['task.airs=8']")
+    if not isinstance(overrides, Sequence | Mapping) or not all(isinstance(text, str) for text in overrides):
+        raise ValueError(
+            "overrides: must be a list of texts, such as ['task.airs=8'], or a dict, {'task.airs': 8}"
+        )
     if isinstance(scenario, str | Path):
         path = Path(scenario)
         checked_scenario, folder = load(path, overrides, allow_outside).scenario, path.resolve().parent

@@ -18,6 +18,7 @@ group and the kind of its algorithm as attributes:
 To open a map: ``xarray.open_zarr("runs/arena-1/maps.zarr", group="0")``.
 """
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -108,9 +109,16 @@ def read(path: Path) -> "list[xarray.Dataset]":
 
 
 def _loaded(path: Path, group: "Group") -> "xarray.Dataset":
+    """Return a group as a dataset whose attributes a NetCDF file can hold: none that is null, nested ones as JSON."""
     from taichi_plume.files import zarr_groups
 
-    return zarr_groups.open_dataset(path, group=group.name, consolidated=False).load()
+    data = zarr_groups.open_dataset(path, group=group.name, consolidated=False).load()
+    data.attrs = {
+        name: value if isinstance(value, str | int | float) else json.dumps(value)
+        for name, value in data.attrs.items()
+        if value is not None
+    }
+    return data
 
 
 def read_beliefs(path: Path) -> "list[xarray.Dataset]":

@@ -8,6 +8,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+import yaml
 from gymnasium import wrappers
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import AutoresetMode
@@ -17,7 +18,7 @@ from small_task import TASK, task
 import taichi_plume.envs
 from taichi_plume.envs import ID, parallel_env, picture
 from taichi_plume.envs.step_kernel import INFO
-from taichi_plume.envs.task import Options
+from taichi_plume.envs.task import Options, open_task
 from taichi_plume.envs.truth import KEYS
 from taichi_plume.grid import kernels
 
@@ -217,6 +218,13 @@ WALKED = {
     "wind": {"kind": "synthetic"},
     "gas": {"kind": "eulerian", "sources": [{"position": [0.4, 0.8], "rate": "1 mg/s"}]},
 }
+
+
+@pytest.mark.parametrize("overrides", [["task.airs=3"], {"task.airs": 3}])
+def test_overrides_of_a_file_are_texts_or_a_dict(tmp_path, overrides):
+    (tmp_path / "task.yaml").write_text(yaml.safe_dump(TASK))
+    scenario, _ = open_task(tmp_path / "task.yaml", overrides)
+    assert scenario.task.airs == 3
 
 
 @pytest.mark.parametrize(
