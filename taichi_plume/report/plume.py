@@ -27,6 +27,7 @@ from taichi_plume.results.run import Run
 from taichi_plume.results.tracks import Track
 from taichi_plume.scenario.scenario import Scenario
 
+RIM = 5.0  # points, of the outline of a robot that has found the source; half of it lies outside the body
 BODY = 0.011  # robots are drawn at least this large, over the longer side of the view
 ROUND = 20  # corners of a body
 MOST_NAMES = 6  # robots that the legend names individually
@@ -79,13 +80,16 @@ class PlumeView:
         self.trails = axes.add_collection(LineCollection([], colors=colors, linewidths=1.3, zorder=8))
         bodies = PolyCollection([], facecolors=colors, edgecolors="white", linewidths=0.8, zorder=11)
         self.bodies = axes.add_collection(bodies)
+        # beneath the bodies, so that a wide rim covers no small body
+        rims = PolyCollection([], facecolors="none", edgecolors=theme.FOUND, linewidths=RIM, zorder=10)
+        self.rims = axes.add_collection(rims)
         self.crosses: list[Line2D] = []
         if self.plane == theme.ABOVE:
             declaring = [track for track in self.tracks if has_declared(track)]
             self.crosses = [declared_mark(axes, theme.robot(track.number)) for track in declaring]
         self.clock: Text | None = None  # set by `figure_of`
         patches = [patch for patch, _ in self.walkers]
-        drawn = [self.image, *patches, self.arrows, self.trails, self.bodies]
+        drawn = [self.image, *patches, self.arrows, self.trails, self.rims, self.bodies]
         self.moving: list[Artist] = [*drawn, *self.crosses]
 
     def show(self, t: float, pixels: np.ndarray, arrows: Arrows | None = None) -> None:
@@ -103,10 +107,10 @@ class PlumeView:
 
     def _robots(self, t: float) -> None:
         shown = [(track, track.at(t)) for track in self.tracks]
-        self.bodies.set_verts([self._body(track, n) if n >= 0 else np.zeros((0, 2)) for track, n in shown])
+        outlines = [self._body(track, n) if n >= 0 else np.zeros((0, 2)) for track, n in shown]
         found = [n >= 0 and bool(track.values["found"][n]) for track, n in shown]
-        self.bodies.set_edgecolor([theme.FOUND if has_found else "white" for has_found in found])
-        self.bodies.set_linewidth([2.4 if has_found else 0.8 for has_found in found])
+        self.bodies.set_verts(outlines)
+        self.rims.set_verts([line for line, has_found in zip(outlines, found, strict=True) if has_found])
         declared = [pair for pair in shown if has_declared(pair[0])]
         for mark, (track, n) in zip(self.crosses, declared, strict=False):
             put_mark(mark, track.declared(n))
