@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
@@ -51,14 +52,14 @@ def starts_late(where: str, start: float, context: Context) -> Iterator[str]:
         yield f"{where}.start: {start:g} s is after the end of the run at {end:g} s; start it earlier"
 
 
-def ends_early(where: str, file: object, end: float, then: str, context: Context) -> Iterator[str]:
+def ends_early(where: str, file: str | Path, end: float, then: str, context: Context) -> Iterator[str]:
     """Yield a warning if the data of a file, whose key is `where`, end at time `end` [s], before the run does.
 
     then: what the run does from this time on.
     """
     until = context.scenario.duration
     if end < until - ROUNDED * max(1.0, abs(until)):
-        yield f"{where}: the data of {file} end at {end:.4g} s, the run at {until:g} s; {then}"
+        yield f"{where}: the data of {Path(file).name} end at {end:.4g} s, the run at {until:g} s; {then}"
 
 
 class Domain(Model):

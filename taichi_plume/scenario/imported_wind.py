@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from math import prod
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
@@ -82,7 +83,7 @@ class ImportedWind(AnyWind, Played):
             if site.cubes is not None:
                 yield from self._in_cubes(site, site.cubes, context)
 
-    def recorded(self, where: str, context: Context) -> tuple[object, int, float]:
+    def recorded(self, where: str, context: Context) -> tuple[str | Path, int, float]:
         site = context.resources.site
         assert site is not None
         return self.files, len(site.files), site.files[-1][0]

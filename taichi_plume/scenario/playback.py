@@ -1,6 +1,7 @@
 """Playback of recorded winds and gases: frames of an earlier run, pictures of a movie, points in logs of PlumeSim."""
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
@@ -30,7 +31,7 @@ class Played(Model):
     steps: ClassVar[bool] = False
     """Whether each frame holds until the next one; otherwise playback is linear in time."""
 
-    def recorded(self, where: str, context: Context) -> tuple[object, int, float]:
+    def recorded(self, where: str, context: Context) -> tuple[str | Path, int, float]:
         """Return the file of the frames, their number, and the time [s] of the frames at which they end."""
         raise NotImplementedError
 
@@ -77,7 +78,7 @@ class Playback(Played):
             )
         yield from self.too_late(where, context)
 
-    def recorded(self, where: str, context: Context) -> tuple[object, int, float]:
+    def recorded(self, where: str, context: Context) -> tuple[str | Path, int, float]:
         film = context.resources.films[where]
         return film.path, len(film.times), film.times[-1]
 
@@ -129,7 +130,7 @@ class PointPlayback(Played):
             )
         yield from self.too_late(where, context)
 
-    def recorded(self, where: str, context: Context) -> tuple[object, int, float]:
+    def recorded(self, where: str, context: Context) -> tuple[str | Path, int, float]:
         frames = context.resources.frames[where]
         return frames.path, len(frames), len(frames) * frames.period
 
@@ -208,7 +209,7 @@ class MovieGas(OneGas, Played):
             )
         yield from self.too_late(where, context)
 
-    def recorded(self, where: str, context: Context) -> tuple[object, int, float]:
+    def recorded(self, where: str, context: Context) -> tuple[str | Path, int, float]:
         movie = context.resources.movies[where]
         return movie.path, len(movie.times), movie.times[-1]
 
