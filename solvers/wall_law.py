@@ -89,6 +89,20 @@ def logarithm(x):
     return result + LN2 * ti.cast((bits >> 23) - 127, ti.f32)
 
 
+def y_plus(speed: np.ndarray, y: float, viscosity: float, roughness: float = 0.0) -> np.ndarray:
+    """Return y+ at the distance y [m] for air with the mean `speed` (n,) [m/s] along a surface, see `near_surface`."""
+    table = np.geomspace(1e-3, 1e8, 4000)
+    known = np.log(mean_law(table) * table), np.log(table)
+    result = np.exp(np.interp(np.log(speed * y / viscosity), *known))
+    if roughness > 0.0:
+        u_tau = result * viscosity / y
+        for _ in range(8):
+            s = 2.0 * y / (SMOOTH * viscosity / u_tau + ROUGH * roughness)
+            u_tau = speed / np.maximum(((1.0 + 1.0 / s) * np.log1p(s) - 1.0) / KAPPA, 1.0)
+        result = np.maximum(result, u_tau * y / viscosity)
+    return result
+
+
 @ti.func
 def _of_fit(x, fit: Template):
     """Return the value of a function fitted by `_fitted` at x = ln(u y/nu)."""

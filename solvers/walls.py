@@ -8,6 +8,7 @@ changes.
 
 from collections.abc import Callable
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 import taichi as ti
@@ -20,7 +21,7 @@ from taichi_plume.grid.sweeps import sweep
 from taichi_plume.grid.transfer import reader
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.momentum import Momentum
-from taichi_plume.solvers.wall_law import near_surface
+from taichi_plume.solvers.wall_law import near_surface, y_plus
 
 FAR = 1e3  # m: distance without a surface
 
@@ -96,31 +97,29 @@ class Walls:
         return ti.Vector([bend, viscosity / (straight + (1.0 - straight) * bend)])
 
     @cached_property
-    def _read(self) -> Callable[[], list[np.ndarray]]:
-        return reader(*self.bend, *self.viscosity, *self.b.target)
+    def _read_targets(self) -> Callable[[], list[np.ndarray]]:
+        return reader(*self.b.target)
 
     def y_plus(self, u: list[np.ndarray]) -> np.ndarray:
-        """Return y+ = y u_tau/nu in the middles of the cells of air at the walls, (count,), by the law's wall stress in
-        the last step. u: face velocities per axis [m/s], padded arrays.
+        """Return y+ in the middles of the cells of air at the walls, (count,), by the law of the wall.
+
+        u: face velocities per axis [m/s], padded arrays.
         """
-        y, nu, inner = 0.5 * self.grid.dx, float(self.m.viscosity[None]), self.grid.cells
-        fields = self._read()
+        inner, targets = self.grid.cells, self._read_targets()
         middle = [0.5 * (v + np.roll(v, -1, axis=c)) for c, v in enumerate(u)]
         found = [np.empty(0)]
         for d in range(self.dim):
             window = tuple(slice(None) if a == d else slice(*ends) for a, ends in enumerate(inner))
-            slope, law, target = fields[d :: self.dim]
             square = np.zeros(self.b.sides[d])
             for c in range(self.dim):
                 if c != d:
-                    sliding = 0.5 * (target[..., c] + np.roll(target[..., c], -1, axis=c))
+                    sliding = 0.5 * (targets[d][..., c] + np.roll(targets[d][..., c], -1, axis=c))
                     first = np.take(middle[c], (inner[d][0], inner[d][1] - 1), axis=d)
                     square += (first - sliding) ** 2
-            straight = np.clip(2.0 * slope - 1.0, 0.0, 1.0)
-            friction = law * (straight + (1.0 - straight) * slope) * np.sqrt(square) / y
-            wall = self.b.is_wall[d] & (square[window] > 0.0)
-            found.append(y * np.sqrt(friction[window][wall]) / nu)
-        return np.concatenate(found)
+            found.append(np.sqrt(square[window][self.b.is_wall[d]]))
+        speeds = np.concatenate(found)
+        viscosity, roughness = (cast(float, field[None]) for field in (self.m.viscosity, self.m.roughness))
+        return y_plus(speeds[speeds > 0.0], 0.5 * self.grid.dx, viscosity, roughness)
 
     @ti.func
     def bend_at(self, K: Template, d: Template, c: Template):

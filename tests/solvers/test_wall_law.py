@@ -20,6 +20,7 @@ from taichi_plume.solvers.wall_law import (
     law_of_the_wall,
     near_surface,
     transfer_velocity,
+    y_plus,
 )
 from taichi_plume.solvers.walls import distances
 from taichi_plume.validation.flow_cases import periodic
@@ -191,6 +192,13 @@ def test_y_plus_is_that_of_the_law_of_the_wall(speed):
     assert found.shape == (2 * 8,)
     np.testing.assert_allclose(found, expected, rtol=0.01)
     assert flow.diagnostics()["wall_y_plus_max"] == pytest.approx(found.max())
+
+
+@pytest.mark.parametrize("roughness", [0.0, 1e-3, 1e-2])
+def test_y_plus_is_that_of_the_friction_in_the_kernels(law, roughness):
+    speed, y = np.geomspace(0.01, 10.0, 9), 0.02
+    u_tau = law(speed, y, roughness)[0]
+    np.testing.assert_allclose(y_plus(speed, y, NU, roughness), u_tau * y / NU, rtol=0.01)
 
 
 def test_y_plus_counts_the_speed_of_the_air_over_a_moving_wall_and_no_openings():
