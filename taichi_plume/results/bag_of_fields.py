@@ -1,5 +1,6 @@
 """Topics of a run's ROS 2 bag (`bag_of_run`) for fields: floor plan, gas as point clouds, gas maps."""
 
+import json
 from collections.abc import Iterator
 from math import ceil
 from typing import TYPE_CHECKING
@@ -76,7 +77,7 @@ def clouds(run: Run, name: str, most: int, least: float, frame: MapFrame) -> Ite
 def maps_of(run: Run, trial: int) -> Iterator[tuple[str, "xarray.Dataset", int]]:
     """Yield (topic, gas map, row) for each final gas map of a trial; row: index of the trial's estimate in the map."""
     for n, gas_map in enumerate(run.maps if run.has("maps.zarr") else ()):
-        parts = gas_map.attrs["groups"]
+        parts = json.loads(gas_map.attrs["groups"])
         for k, part in enumerate(parts):
             if trial < part["trials"]:
                 name = f"/gas_maps/map_{n}" + (f"_{k}" if len(parts) > 1 else "")
