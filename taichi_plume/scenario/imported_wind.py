@@ -86,7 +86,8 @@ class ImportedWind(AnyWind, Played):
     def recorded(self, where: str, context: Context) -> tuple[str | Path, int, float]:
         site = context.resources.site
         assert site is not None
-        return self.files, len(site.files), site.files[-1][0]
+        last, path = site.files[-1]
+        return path, len(site.files), last
 
     def _beyond_cubes(self, site: "Site", context: Context) -> Iterator[str]:
         """Yield an error for each axis along which the domain reaches beyond GADEN's occupancy grid."""
