@@ -119,6 +119,8 @@ class Walls:
             found.append(np.sqrt(square[window][self.b.is_wall[d]]))
         speeds = np.concatenate(found)
         viscosity, roughness = (cast(float, field[None]) for field in (self.m.viscosity, self.m.roughness))
+        if viscosity <= 0.0:
+            return np.empty(0)
         return y_plus(speeds[speeds > 0.0], 0.5 * self.grid.dx, viscosity, roughness)
 
     @ti.func

@@ -200,6 +200,11 @@ def test_y_plus_is_that_of_the_friction_in_the_kernels(law, roughness):
     np.testing.assert_allclose(y_plus(speed, y, NU, roughness), u_tau * y / NU, rtol=0.01)
 
 
+def test_air_without_viscosity_has_no_y_plus():
+    flow = flow_in(Grid((8, 10), 0.05, periodic=(True, False)), cfd(periodic("x"), viscosity=0.0))
+    assert "wall_y_plus_max" not in flow.diagnostics()
+
+
 def test_y_plus_counts_the_speed_of_the_air_over_a_moving_wall_and_no_openings():
     wall = {"kind": "wall", "face": "y-", "velocity": [0.5, 0.0]}
     flow = flow_in(Grid((8, 10), 0.05, periodic=(True, False)), cfd([*periodic("x"), wall], viscosity=NU))
