@@ -154,7 +154,7 @@ def test_another_name_that_another_program_takes_meanwhile_is_not_overwritten(pl
 
 
 def killed(place: Workplace) -> None:
-    """What the system does to a killed server: nothing is called, and its locks are free."""
+    """Drop a server as SIGKILL does: nothing is called, and the locks of the server are free."""
     drafts = place.drafts
     for draft in filter(None, [drafts.own, *drafts.waiting, *drafts._earlier]):
         draft.release()
@@ -275,7 +275,7 @@ def test_a_text_that_is_too_large_for_a_scenario_is_offered_again(place, tmp_pat
 
 
 def full(path: Path, _: bytes) -> None:
-    """What a full disk does to `Path.write_bytes`."""
+    """Raise ENOSPC, as `Path.write_bytes` does on a full disk."""
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
 

@@ -145,7 +145,7 @@ def test_a_robot_has_one_color_in_report_and_recording(tmp_path, counts):
 
 
 def test_a_state_has_one_color_in_report_and_recording(tmp_path, drawn):
-    """Of two groups, whose robots were not in all states of their algorithms."""
+    """Two groups whose robots were not in all states of their algorithms."""
     names = [("FIND", "UPWIND", "SURGE", "CAST"), ("TRANSIT", "SURGE", "SWEEP", "DONE")]
     folder = made_run.made(tmp_path / "run", recording=False)
     table = pq.read_table(folder / "robots.parquet")

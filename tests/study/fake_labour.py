@@ -1,4 +1,4 @@
-"""What workers do in tests of campaigns, instead of simulating: it sleeps, fails, kills its process, as requested.
+"""Work of test campaigns in place of simulations: sleep, fail or kill the process, as requested.
 
 A request's `changes` say what it does: sleep [s], fail (a message), raise (a message), kills (how many times it kills
 the process that does it; marks lie in the study's folder), burn [s of CPU].

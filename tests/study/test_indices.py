@@ -49,7 +49,7 @@ def test_what_is_missing_is_left_out_and_not_filled():
 
 
 def test_indices_are_shares_of_the_variance():
-    """Of 16 samples of noise the estimates themselves reach from -0.2 to 1.6."""
+    """Estimates from 16 samples of noise reach from -0.2 to 1.6."""
     samples = 16
     values = np.random.default_rng(3).normal(size=5 * samples)
     _, reported = indices.sobol(values, ("x", "y", "z"), samples)
