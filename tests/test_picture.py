@@ -63,11 +63,11 @@ def test_a_moment_shows_its_own_frame_robots_and_wind(folder):
     assert len(view.arrows.get_paths()) == 2 + 10 % 3
     ends = np.asarray(view.arrows.get_paths()[0].vertices)
     assert (ends[:, 0].min(), ends[:, 0].max()) == pytest.approx((1.0, 1.5))
-    edges: Any = view.bodies.get_edgecolor()
+    assert not view.rims.get_paths()
     view.show(8.0, one.data[18])
-    later: Any = view.bodies.get_edgecolor()
-    assert not np.array_equal(edges[0], later[0])  # the first has found it
-    assert np.array_equal(edges[0], later[1])
+    (rim,) = view.rims.get_paths()  # the first has found it
+    first, _ = view.bodies.get_paths()
+    np.testing.assert_array_equal(rim.vertices, first.vertices)
 
 
 def test_a_picture_is_as_wide_as_asked_for(folder, tmp_path, reported):

@@ -1,8 +1,8 @@
 """`maps.zarr`: gas maps and source posteriors (beliefs) at the end of a run, in a zarr group that xarray opens.
 
-Map n of the scenario is the group "n". Attributes are kind and parameters of the map, the time `t_s` [s], and `groups`:
-names of the robot groups whose readings made the map, their first trial and number of trials. Variables are float32 in
-the order (trial, y, x), NaN where nothing is known:
+Map n of the scenario is the group "n". Attributes are kind and parameters of the map, the time `t_s` [s], and, as JSON,
+`groups`: names of the robot groups whose readings made the map, their first trial and number of trials. Variables are
+float32 in the order (trial, y, x), NaN where nothing is known:
 
     estimate    [ppm]   estimated concentration
     variance    [ppm²]  of the estimate; of maps that provide a variance
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 Part = tuple[str, dict[str, object], dict[str, np.ndarray]]
 """Name of a group, its attributes and its variables."""
-FORMAT = "taichi_plume maps 1"
+FORMAT = "taichi_plume maps 2"
 PART = "maps.part"  # name while the file is written
 WHOLE = ("trial", "y", "x")
 MEANING = {
@@ -63,7 +63,7 @@ def write(path: Path, facts: Mapping[str, object], parts: Sequence[Part]) -> Non
     try:
         root = zarr_groups.create(part, {"format": FORMAT, **facts})
         for place, attributes, variables in parts:
-            attributes = {"Conventions": zarr_groups.CONVENTIONS, **attributes}
+            attributes = {"Conventions": zarr_groups.CONVENTIONS, **_of_netcdf(attributes)}
             group = root.create_group(place, attributes=attributes)
             for name, values in variables.items():
                 units, meaning, dimensions = MEANING[name]
@@ -98,6 +98,15 @@ def opened(path: Path, what: Literal["maps", "beliefs"] = "maps") -> Iterator["l
         yield groups
 
 
+def _of_netcdf(attributes: Mapping[str, object]) -> dict[str, object]:
+    """Return attributes that a NetCDF file can hold too: without nulls, lists and mappings as JSON."""
+    return {
+        name: value if isinstance(value, str | int | float) else json.dumps(value)
+        for name, value in attributes.items()
+        if value is not None
+    }
+
+
 def read(path: Path) -> "list[xarray.Dataset]":
     """Return a run's gas maps in memory. Raises RunFolderError if the file is foreign or incomplete."""
     with opened(path) as groups:
@@ -109,16 +118,9 @@ def read(path: Path) -> "list[xarray.Dataset]":
 
 
 def _loaded(path: Path, group: "Group") -> "xarray.Dataset":
-    """Return a group as a dataset whose attributes a NetCDF file can hold: none that is null, nested ones as JSON."""
     from taichi_plume.files import zarr_groups
 
-    data = zarr_groups.open_dataset(path, group=group.name, consolidated=False).load()
-    data.attrs = {
-        name: value if isinstance(value, str | int | float) else json.dumps(value)
-        for name, value in data.attrs.items()
-        if value is not None
-    }
-    return data
+    return zarr_groups.open_dataset(path, group=group.name, consolidated=False).load()
 
 
 def read_beliefs(path: Path) -> "list[xarray.Dataset]":

@@ -1,5 +1,6 @@
 """Gas maps and belief maps (posterior of the source position) at the end of a run, read and drawn for reports."""
 
+import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
@@ -68,7 +69,7 @@ def _map(group: Any) -> MapAtEnd:
     estimate, truth = np.asarray(group["estimate"][0], float), np.asarray(group["truth"][0], float)
     if estimate.ndim != 2 or estimate.shape != truth.shape:
         raise ValueError(f"map {group.name} has an estimate of {estimate.shape}")
-    made_by = group.attributes["groups"]  # the first trial belongs to the first rival
+    made_by = json.loads(group.attributes["groups"])  # the first trial belongs to the first rival
     whose = f" of {made_by[0]['names'][0]}" if len(made_by) > 1 else ""
     return MapAtEnd(f"{kind} map{whose}", 2.0 * float(x[0]), estimate, truth)
 
