@@ -202,3 +202,24 @@ def test_a_saved_flow_goes_on_to_the_bit(old):
     found(old, 0.08)
     state.restore(saved)
     assert_same(found(old, 0.04), wanted)
+
+
+@pytest.mark.slow
+def test_the_flow_past_a_sphere_has_no_preferred_axis():
+    """A room whose axes are exchanged in turn, x to y to z to x, has the same flow."""
+    grid, center = Grid((14,) * 3, 0.07), (0.43, 0.52, 0.47)
+
+    def after_a_second(axis: str, middle: tuple[float, ...]) -> list[np.ndarray]:
+        openings = [
+            {"kind": "honeycomb", "face": f"{axis}-", "speed": 0.5},
+            {"kind": "outlet", "face": f"{axis}+"},
+        ]
+        ball = Ball(Sphere(kind="sphere", center=middle, radius=0.18), 3)
+        flow = FlowSolver(cfd(openings), grid, air_of([ball], grid))
+        advance(flow, 1.0)
+        return [grid.read(u) for u in flow.u]
+
+    first, other = after_a_second("x", center), after_a_second("y", (center[2], center[0], center[1]))
+    largest = max(np.abs(u).max() for u in first)
+    for d in range(3):
+        np.testing.assert_allclose(other[(d + 1) % 3].transpose(1, 2, 0), first[d], atol=1e-4 * largest)
