@@ -1,10 +1,10 @@
 """Acquisitions: series of gas readings that a robot samples while it stands still."""
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.engine import ti
 from taichi_plume.scenario.search_algorithm import Listening
 
 

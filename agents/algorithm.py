@@ -3,14 +3,13 @@
 from contextlib import nullcontext
 from typing import Any, ClassVar, Protocol
 
-import taichi as ti
-
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.grid.kernels import data_flow_by_llvm
+from taichi_plume.engine import ti
+from taichi_plume.engine.kernels import data_flow_by_llvm
 
 
 class Algorithm(Protocol):

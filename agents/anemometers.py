@@ -2,12 +2,11 @@
 
 from functools import partial
 
-import taichi as ti
-
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.lag import Lag
 from taichi_plume.agents.members import Members, sensor_place
 from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.engine import ti
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import normal4
 
@@ -24,7 +23,7 @@ class Anemometers:
         self.members, self.swarm, self.dim = members, members.swarm, dim
         self.feels_motion = not all(group.model.sensors.wind.compensated for group in members.groups)
         self.p = Parameters(members, partial(_sensor_numbers, tick), stream="anemometer")
-        self.felt = ti.Vector.field(2, ti.f32, members.size)  # wind after the lag [m/s]
+        self.felt = ti.vector_field(2, ti.f32, members.size)  # wind after the lag [m/s]
 
     def begin(self) -> None:
         self.p.begin()

@@ -7,11 +7,11 @@ grid of cells keep it in `Beliefs`. All algorithms with beliefs declare by `Decl
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.engine import ti
 from taichi_plume.scenario.belief_algorithms import Declares
 
 LEAST = 1e-12  # total probability that counts as zero
@@ -103,7 +103,7 @@ class Declaring:
 
     def __init__(self, members: Members, parameters: Parameters):
         self.swarm, self.robot, self.p = members.swarm, members.robot, parameters
-        self.said = ti.Vector.field(2, ti.f32, max(1, members.size))  # the last declaration [m]
+        self.said = ti.vector_field(2, ti.f32, max(1, members.size))  # the last declaration [m]
         self.spoke = ti.field(ti.i32, max(1, members.size))
 
     @staticmethod

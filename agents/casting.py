@@ -12,11 +12,10 @@ SIDESTEP  along s V by lost_distance, then IN_PLUME; blocked for PATIENCE: other
 
 from math import cos, radians, sin
 
-import taichi as ti
-
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.tracking import FIND, PATIENCE, PlumeTracker
+from taichi_plume.engine import ti
 from taichi_plume.scenario import algorithms
 
 IN_PLUME, LOST, SIDESTEP = range(2, 5)

@@ -17,11 +17,10 @@ CAST    along s V, r Z, -s V, -r Z by cast_distance and cast_rise, then twice as
 The drone keeps its heading: it flies in any direction.
 """
 
-import taichi as ti
-
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.tracking import FIND, UPWIND, PlumeTracker
+from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import cos_sin
 from taichi_plume.scenario import algorithms
 

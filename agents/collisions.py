@@ -4,9 +4,8 @@ Moving obstacles are called walkers. Among drones all bodies are upright cylinde
 `height`. Cylinders collide only with bodies at their height, and with floor, ceiling and obstacles above or below.
 """
 
-import taichi as ti
-
 from taichi_plume.agents.columns import Columns
+from taichi_plume.engine import ti
 
 SKIN = 1e-3  # m, gap around a body: far more than the rounding of its position
 TOUCH = 1e-4  # m, shorter free steps count as contact

@@ -5,14 +5,13 @@ arrays that a user's own algorithm sees. To add a quantity, declare it in `Colum
 write the quantity.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import taichi as ti
 
-from taichi_plume.agents.serial_loops import runs_serially
-from taichi_plume.grid.kernels import Field
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 
 Dtype = type[np.float32] | type[np.int32] | type[np.bool_]
 
@@ -57,7 +56,7 @@ class Column:
     def field(self, n: int) -> Field:
         """Return a new Taichi field of this quantity for n robots."""
         dtype = ti.f32 if self.dtype is np.float32 else ti.i32
-        return ti.field(dtype, n) if self.width == 1 else ti.Vector.field(self.width, dtype, n)
+        return ti.field(dtype, n) if self.width == 1 else ti.vector_field(self.width, dtype, n)
 
     def zeros(self, n: int) -> np.ndarray:
         """Return an array of zeros with this quantity's shape for n robots."""
@@ -197,68 +196,21 @@ def further_gas_sensors(most: int) -> tuple[Column, ...]:
 
 
 class Rows:
-    """Selected columns of `size` robots from index `start` on, read or written in a single kernel launch."""
+    """Selected columns of `size` robots from index `start` on."""
 
     def __init__(self, robots: Columns, columns: Sequence[Column], start: int, size: int):
-        self.columns, self.size = tuple(columns), size
-        self.begins = tuple(np.cumsum([0, *[column.width for column in columns]]).tolist())
-        fields = tuple(getattr(robots, column.name) for column in columns)
-        self._get, self._put = _kernels(fields, self.columns, self.begins, start, size)
+        self.columns, self.part = tuple(columns), slice(start, start + size)
+        self.fields = tuple(getattr(robots, column.name) for column in columns)
 
     def read(self) -> list[np.ndarray]:
         """Return an array of each column over the robots, (size,) or (size, width)."""
-        table = np.empty((self.begins[-1], self.size), np.float32)
-        if self.size:
-            self._get(table)
-        return [self._column(table, c) for c in range(len(self.columns))]
-
-    def _column(self, table: np.ndarray, c: int) -> np.ndarray:
-        column, rows = self.columns[c], table[self.begins[c] : self.begins[c + 1]]
-        if column.dtype is not np.float32:
-            rows = rows.view(np.int32).astype(column.dtype)
-        return rows[0].copy() if column.width == 1 else rows.T.copy()
+        return [
+            field.values[self.part].astype(column.dtype)
+            for field, column in zip(self.fields, self.columns, strict=True)
+        ]
 
     def write(self, values: Sequence[np.ndarray]) -> None:
-        table = np.empty((self.begins[-1], self.size), np.float32)
-        for c, (column, array) in enumerate(zip(self.columns, values, strict=True)):
-            rows = table[self.begins[c] : self.begins[c + 1]]
-            (rows if column.dtype is np.float32 else rows.view(np.int32))[...] = np.asarray(array).T
-        if self.size:
-            self._put(table)
-
-
-def _kernels(
-    fields: tuple[Field, ...], columns: tuple[Column, ...], begins: tuple[int, ...], start: int, size: int
-) -> tuple[Callable[[np.ndarray], None], Callable[[np.ndarray], None]]:
-    """Return two kernels that copy the columns to and from an f32 table (components, size), integers by their bits."""
-    parts = [
-        (fields[c], begins[c] + d, d if column.width > 1 else -1, column.dtype is np.float32)
-        for c, column in enumerate(columns)
-        for d in range(column.width)
-    ]
-
-    @ti.kernel
-    def get(table: ti.types.ndarray(dtype=ti.f32, ndim=2)):
-        ti.loop_config(serialize=ti.static(runs_serially(size)))
-        for n in range(size):
-            for field, row, d, real in ti.static(parts):
-                if ti.static(not real):
-                    table[row, n] = ti.bit_cast(field[start + n], ti.f32)
-                elif ti.static(d < 0):
-                    table[row, n] = field[start + n]
-                else:
-                    table[row, n] = field[start + n][d]
-
-    @ti.kernel
-    def put(table: ti.types.ndarray(dtype=ti.f32, ndim=2)):
-        ti.loop_config(serialize=ti.static(runs_serially(size)))
-        for n in range(size):
-            for field, row, d, real in ti.static(parts):
-                if ti.static(not real):
-                    field[start + n] = ti.bit_cast(table[row, n], ti.i32)
-                elif ti.static(d < 0):
-                    field[start + n] = table[row, n]
-                else:
-                    field[start + n][d] = table[row, n]
-
-    return get, put
+        for field, array in zip(self.fields, values, strict=True):
+            rows = field.values
+            rows[self.part] = array
+            field.from_numpy(rows)

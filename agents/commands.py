@@ -10,12 +10,11 @@ An action holds until the next decision. In a mirrored world left and right are 
 from math import pi
 from typing import cast
 
-import taichi as ti
-
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.observation import action_names
 from taichi_plume.agents.parameters import Parameters
 from taichi_plume.agents.swarm import Swarm, wrap
+from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import cos_sin
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.policy import Policy
@@ -36,8 +35,8 @@ class Commands:
         self.names = action_names(model)
         self.size, self.drives, self.declares = len(self.names), model.act == "drive", model.declares
         self.p = Parameters(members, lambda group: {"step": float(cast(Policy, group.model.algorithm).step)})
-        self.held = ti.Vector.field(2, ti.f32, members.size)  # speed and turn rate over their limits
-        self.goal = ti.Vector.field(2, ti.f32, members.size)  # believed place of the way point [m]
+        self.held = ti.vector_field(2, ti.f32, members.size)  # speed and turn rate over their limits
+        self.goal = ti.vector_field(2, ti.f32, members.size)  # believed place of the way point [m]
         self.begin()
 
     def begin(self) -> None:

@@ -23,14 +23,13 @@ readings on the way.
 
 import cmath
 
-import taichi as ti
-
 from taichi_plume.agents.acquisition import Acquisition
 from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.radio import Radio
+from taichi_plume.engine import ti
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario import algorithms
 
@@ -65,12 +64,12 @@ class Dapso(KernelAlgorithm):
         self.potential = Potential(self.members, self.p)
         self.acquisition = Acquisition(self.members, self.p)
         self.under_way = ti.field(ti.i32, n)  # ticks since the last acquisition
-        self.step = ti.Vector.field(2, ti.f32, n)  # v [m]
-        self.way_point = ti.Vector.field(2, ti.f32, n)  # w [m]
+        self.step = ti.vector_field(2, ti.f32, n)  # v [m]
+        self.way_point = ti.vector_field(2, ti.f32, n)  # w [m]
         self.best = ti.field(ti.f32, n)  # f(p) at the last update [ppm]
         self.best_time = ti.field(ti.f32, n)  # time of that update [s]
-        self.best_place = ti.Vector.field(2, ti.f32, n)  # p [m]
-        self.goal = ti.Vector.field(2, ti.f32, n)  # g at the last update [m]
+        self.best_place = ti.vector_field(2, ti.f32, n)  # p [m]
+        self.goal = ti.vector_field(2, ti.f32, n)  # g at the last update [m]
         self.short = ti.field(ti.i32, n)  # short steps in a row
 
     def numbers(self, group: GroupRange, model: algorithms.Dapso) -> Numbers:

@@ -10,13 +10,12 @@ TUMBLE   no rise, or the first mean: turn by any angle, drive a step
 
 from math import pi, radians
 
-import taichi as ti
-
 from taichi_plume.agents.acquisition import Acquisition
 from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.path_segments import Legs
+from taichi_plume.engine import ti
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario import algorithms
 

@@ -14,11 +14,11 @@ before, and sinks after, its sideways motion: it climbs beside an obstacle befor
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.columns import Columns
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.elementary import cos_sin, wrap
-from taichi_plume.grid.kernels import Field
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.robots import Group
 
@@ -41,7 +41,7 @@ class Flying(Columns):
         for name in ("first_altitude", *WINGS):
             setattr(self, name, ti.field(ti.f32, robots))
         self.source_height = ti.field(ti.f32, max(1, self.source_count))
-        self.spans = ti.Vector.field(
+        self.spans = ti.vector_field(
             2, ti.f32, max(1, self.walker_count)
         )  # lowest, highest point of walkers [m]
 

@@ -10,12 +10,12 @@ from math import sqrt
 from typing import Protocol, cast
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import exp, log
 from taichi_plume.grid.rng import generator
 from taichi_plume.grid.transfer import uploader

@@ -11,9 +11,10 @@ from math import ceil, floor
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
-import taichi as ti
 
-from taichi_plume.grid.kernels import Field, Template
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
+from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.series import Series
 
 

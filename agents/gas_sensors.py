@@ -10,14 +10,13 @@ from collections.abc import Sequence
 from functools import partial
 from math import sqrt
 
-import taichi as ti
-
 from taichi_plume.agents.columns import OF_A_GAS_SENSOR
 from taichi_plume.agents.gas_laws import Law, numbered
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.lag import Lag
 from taichi_plume.agents.members import Members, sensor_place
 from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import exp, log
 from taichi_plume.grid.fields import Species
 from taichi_plume.grid.kernels import Template

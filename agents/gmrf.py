@@ -19,13 +19,13 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import taichi as ti
 from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from taichi_plume.agents.gas_map import Floor, GasMap, Readers, cell_of, counts, window_of, windows
 from taichi_plume.agents.serial_loops import runs_serially
+from taichi_plume.engine import ti
 from taichi_plume.grid.grid import centers
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import reader
@@ -221,7 +221,7 @@ def _collect(
 ):  # fmt: skip
     """Add each trial's valid readings to the number and the sum of readings in their cells."""
     ti.loop_config(serialize=ti.static(runs_serially(team_size.shape[0])))
-    for k in team_size:
+    for k in range(team_size.shape[0]):
         for m in range(team_size[k]):
             robot = members[k, m]
             if counts(reading[robot], position[robot], extent):
@@ -232,6 +232,6 @@ def _collect(
 
 @ti.kernel
 def _empty(count: Template, total: Template):
-    for I in ti.grouped(count):
+    for I in ti.grouped(ti.ndrange(*count.shape)):
         count[I] = 0.0
         total[I] = 0.0

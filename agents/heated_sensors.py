@@ -13,13 +13,12 @@ from collections.abc import Sequence
 from functools import partial
 from typing import cast
 
-import taichi as ti
-
 from taichi_plume.agents.gas_laws import Law
 from taichi_plume.agents.gas_sensors import GasSensors
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import exp
 from taichi_plume.grid.fields import Species
 from taichi_plume.grid.kernels import Template

@@ -28,7 +28,6 @@ search, see `beliefs`.
 from math import radians
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.acquisition import Acquisition
 from taichi_plume.agents.algorithm import KernelAlgorithm
@@ -37,6 +36,7 @@ from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.shortest_paths import FAR, Ways
+from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import direction, exp, log
 from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario.belief_algorithms import HitMap as Model
@@ -63,7 +63,7 @@ class HitMap(KernelAlgorithm):
         self.gas = Ways(self.swarm.clearance, self.model.cell, 0.0)  # paths of air
         self.roads = Ways(self.swarm.clearance, self.model.cell, self._room)  # paths of robots
         self.count, self.columns, self.cell = self.gas.count, self.gas.shape[1], self.gas.cell
-        self.felt = ti.Vector.field(2, ti.f32, self.size)  # sum of the wind during an acquisition [m/s]
+        self.felt = ti.vector_field(2, ti.f32, self.size)  # sum of the wind during an acquisition [m/s]
         self.home = ti.field(ti.i32, self.size)  # cell of the start position
         self.goal = ti.field(ti.i32, self.size)  # cell to measure in
         self.next = ti.field(ti.i32, self.size)  # cell on the way there

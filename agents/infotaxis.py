@@ -19,7 +19,6 @@ this is the published update, which rules out visited cells.
 from math import hypot, log, pi
 
 import numpy as np
-import taichi as ti
 from scipy.special import k0e
 
 from taichi_plume.agents.acquisition import Acquisition
@@ -29,6 +28,7 @@ from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.path_segments import Legs
 from taichi_plume.agents.swarm import wrap
+from taichi_plume.engine import ti
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario import belief_algorithms
@@ -71,7 +71,7 @@ class AnyInfotaxis(KernelAlgorithm):
         self.spacing = self.belief_cell / FINER
         self.half = int(np.ceil(hypot(*self.belief.extent) / self.spacing)) + 1
         self.chance = ti.field(ti.f32, (2 * self.half + 1, 2 * self.half + 1))
-        self.downwind = ti.Vector.field(2, ti.f32, self.size)  # mean of the measured wind so far
+        self.downwind = ti.vector_field(2, ti.f32, self.size)  # mean of the measured wind so far
         self._upload = uploader(self.chance, self.belief.p)
         self._read = reader(self.belief.p)
 

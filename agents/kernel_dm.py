@@ -24,11 +24,12 @@ readings have the exact variance.
 from math import exp
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.gas_map import Floor, GasMap, Readers, cell_of, counts, ratio
 from taichi_plume.agents.serial_loops import runs_serially
-from taichi_plume.grid.kernels import STRIP, Field, Template, double_field
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
+from taichi_plume.grid.kernels import STRIP, Template
 from taichi_plume.grid.transfer import Numbers, reader
 from taichi_plume.scenario import maps as models
 
@@ -80,14 +81,14 @@ class KernelMap(GasMap):
         self.exact, trials = model.exact, floor.trials
         self.parts = -(-self.shape[1] // STRIP)  # strips of a column of cells
         # sums that grow with the run are in f64, or their rounding would
-        self.weights = double_field((trials, *self.shape))  # Ω
-        self.weighted = double_field((trials, *self.shape))  # Σ K r [ppm]
-        self.old = double_field((trials, *self.shape))  # Σ K q of readings without a slot [ppm²]
+        self.weights = ti.field(ti.f64, (trials, *self.shape))  # Ω
+        self.weighted = ti.field(ti.f64, (trials, *self.shape))  # Σ K r [ppm]
+        self.old = ti.field(ti.f64, (trials, *self.shape))  # Σ K q of readings without a slot [ppm²]
         self.squares = ti.field(ti.f32, (trials, *self.shape))  # Σ K q of all readings [ppm²]
         # Σ of the weights of age, times 1, r, and q of the readings without a slot
-        self.totals = double_field((trials, 3))
-        self.kept = ti.Vector.field(NUMBERS, ti.f32, (trials, self.exact))
-        self.left = ti.Vector.field(NUMBERS, ti.f32, (trials, self.exact))
+        self.totals = ti.field(ti.f64, (trials, 3))
+        self.kept = ti.vector_field(NUMBERS, ti.f32, (trials, self.exact))
+        self.left = ti.vector_field(NUMBERS, ti.f32, (trials, self.exact))
         self.deviation = ti.field(ti.f32, (trials, self.exact))  # q times the weight of its age [ppm²]
         self.fresh: Field = ti.field(ti.i32, trials)  # number of the first new reading
         self.end: Field = ti.field(ti.i32, trials)
@@ -149,7 +150,7 @@ class KernelMap(GasMap):
     def _take_in(self, swarm: Template, first: int, t: float, fade: ti.f64):
         """Fade all weights by the factor `fade`, and add the readings of each trial's robots from index `first` on."""
         ti.loop_config(serialize=ti.static(runs_serially(self.fresh.shape[0])))
-        for k in self.fresh:
+        for k in range(self.fresh.shape[0]):
             for m in ti.static(range(3)):
                 self.totals[k, m] *= fade
             n = self.end[k]
@@ -198,7 +199,7 @@ class KernelMap(GasMap):
     @ti.kernel
     def _update_deviations(self, t: float):
         """Recompute the squared deviations q of the readings in slots, and Σ K q in each cell; t: present time [s]."""
-        for k, slot in self.deviation:
+        for k, slot in ti.ndrange(*self.deviation.shape):
             self.deviation[k, slot] = 0.0
             if slot < self.end[k]:
                 sample = _sample(self.kept[k, slot])

@@ -12,7 +12,6 @@ DRIVE  to the way point by `potential`; then, or if others are in the way, to th
 from typing import Any
 
 import numpy as np
-import taichi as ti
 from scipy import ndimage
 
 from taichi_plume.agents.algorithm import KernelAlgorithm
@@ -22,6 +21,7 @@ from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.swarm import GroupRange
 from taichi_plume.agents.time_series import TimeSeriesMap
+from taichi_plume.engine import ti
 from taichi_plume.grid.grid import centers
 from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario import algorithms
@@ -43,7 +43,7 @@ class LeastKnown(KernelAlgorithm):
         self.potential = Potential(self.members, self.p)
         floor = Floor(swarm.clearance.high, swarm.trials, swarm.members.shape[1], self.tick)
         self.map = TimeSeriesMap(self.model.map, floor)
-        self.goal = ti.Vector.field(2, ti.f32, self.size)  # way points [m]
+        self.goal = ti.vector_field(2, ti.f32, self.size)  # way points [m]
         self.asks = ti.field(ti.i32, self.size)  # whether the robot needs another way point
         self._set_goal = uploader(self.goal, self.potential.mark)
         self._read = reader(self.asks, self.goal, swarm.believed_position)

@@ -10,13 +10,13 @@ from functools import partial
 from typing import cast
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.gas_laws import Law
 from taichi_plume.agents.gas_sensors import GasSensors
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import cos_sin
 from taichi_plume.grid.fields import Species
 from taichi_plume.grid.kernels import Template

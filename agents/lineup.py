@@ -20,13 +20,13 @@ each other's positions at any range of their messages.
 from math import cos, radians, sin
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.serial_loops import runs_serially
+from taichi_plume.engine import ti
 from taichi_plume.grid.tables import Tables
 from taichi_plume.scenario import algorithms
 
@@ -60,7 +60,7 @@ class LineUp(KernelAlgorithm):
         tables.upload()
         n = self.lines
         self.mode = ti.field(ti.i32, n)
-        self.wind = ti.Vector.field(2, ti.f32, n)  # sum of the measured wind, then its direction
+        self.wind = ti.vector_field(2, ti.f32, n)  # sum of the measured wind, then its direction
         self.slant = ti.field(ti.f32, n)  # b from robot to robot [m]
         self.gap = ti.field(ti.f32, n)  # a from robot to robot [m]
         self.a = ti.field(ti.f32, n)  # position of the line's middle along the wind [m]

@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 
 import numpy as np
-import taichi as ti
 from taichi.lang import impl
 
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.grid.kernels import Field, Template
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
+from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import stream_id
 from taichi_plume.grid.transfer import uploader
 

@@ -10,7 +10,6 @@ from math import hypot
 from typing import cast
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.lag import Lag
@@ -18,6 +17,7 @@ from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.radio import UNLIMITED
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import cos_sin, log
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.policy import Policy

@@ -16,10 +16,10 @@ odometer reads the true distance.
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.columns import Columns
 from taichi_plume.agents.groups import GroupRange
+from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import cos_sin, turned, wrap
 from taichi_plume.grid.rng import normal4, stream_id
 from taichi_plume.grid.transfer import uploader
@@ -35,9 +35,9 @@ class Odometry:
         self.errs = ti.field(ti.i32, count)
         self.number = ti.field(ti.i32, count)  # number of the robot in its group, among all possible trials
         self.stream = ti.field(ti.u32, count)
-        self.kept = ti.Vector.field(3, ti.f32, count)  # a, b [1], c [rad/m]
-        self.variances = ti.Vector.field(4, ti.f32, count)  # k1 [rad], k2 [rad²/m], k3 [m], k4 [m²/rad]
-        self.deviations = ti.Vector.field(3, ti.f32, count)  # standard deviations of a, b and c
+        self.kept = ti.vector_field(3, ti.f32, count)  # a, b [1], c [rad/m]
+        self.variances = ti.vector_field(4, ti.f32, count)  # k1 [rad], k2 [rad²/m], k3 [m], k4 [m²/rad]
+        self.deviations = ti.vector_field(3, ti.f32, count)  # standard deviations of a, b and c
         self._upload = uploader(
             self.errs, self.number, self.stream, self.kept, self.variances, self.deviations
         )

@@ -3,11 +3,11 @@
 from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members, OfGroup
-from taichi_plume.grid.kernels import Field
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.transfer import uploader
 
 Numbers = Mapping[str, float | tuple[float, ...] | np.ndarray]

@@ -20,7 +20,6 @@ search rules positions out. The values of keys suit the scale of a room.
 """
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.beliefs import Declaring
 from taichi_plume.agents.casting import IN_PLUME, LOST, SIDESTEP, Casting
@@ -29,7 +28,8 @@ from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.releases import Releases
 from taichi_plume.agents.serial_loops import runs_serially
-from taichi_plume.grid.kernels import Field
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.rng import normal4, uniform4
 from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario.belief_algorithms import ParticleFilter as Model
@@ -60,16 +60,16 @@ class ParticleFilter(Casting):
         model: Model = self.model
         n, self.count, self.kept = self.size, model.particles, model.estimates
         self.between = max(1, round(model.period / self.tick))
-        self.particle = ti.Vector.field(2, ti.f32, (n, self.count))  # places [m]
-        self.spare = ti.Vector.field(2, ti.f32, (n, self.count))
+        self.particle = ti.vector_field(2, ti.f32, (n, self.count))  # places [m]
+        self.spare = ti.vector_field(2, ti.f32, (n, self.count))
         self.weight = ti.field(ti.f32, (n, self.count))
         self.known = ti.field(ti.i32, n)  # whether there are particles
         self.smelt = ti.field(ti.i32, n)  # whether the robot detects gas
-        self.mean = ti.Vector.field(2, ti.f32, n)  # mean of the particles: the estimate [m]
+        self.mean = ti.vector_field(2, ti.f32, n)  # mean of the particles: the estimate [m]
         self.spread = ti.field(ti.f32, n)  # root mean square distance of the particles from it [m]
-        self.estimate = ti.Vector.field(2, ti.f32, (n, self.kept))  # last estimates, a ring buffer [m]
+        self.estimate = ti.vector_field(2, ti.f32, (n, self.kept))  # last estimates, a ring buffer [m]
         self.estimated = ti.field(ti.i32, n)  # number of estimates so far
-        self.visit: Field = ti.Vector.field(2, ti.f32, n)  # last estimate visited by the robot [m]
+        self.visit: Field = ti.vector_field(2, ti.f32, n)  # last estimate visited by the robot [m]
         self.visited = ti.field(ti.i32, n)  # whether there was one
         self.doubts = ti.field(ti.i32, n)  # unexplained detections in a row
         self.belief_cell = model.cell
@@ -146,7 +146,7 @@ class ParticleFilter(Casting):
     def _weigh(self, tick: int):
         """Multiply all particle weights by the likelihood; robots with a first detection draw their particles."""
         ti.loop_config(serialize=ti.static(runs_serially(10 * self.size * self.count)))
-        for n, m in self.weight:
+        for n, m in ti.ndrange(*self.weight.shape):
             if not self.swarm.searches(self.robot[n]):
                 continue
             if self.known[n] == 1:

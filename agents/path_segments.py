@@ -6,12 +6,11 @@ Autonomous Systems 57 (2009) 393-402: back off, rotate by 90°, drive the remain
 
 from math import pi
 
-import taichi as ti
-
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.swarm import wrap
+from taichi_plume.engine import ti
 
 REST, TURN, DRIVE, BACK = range(4)
 

@@ -6,13 +6,13 @@ Observations and commands are those of the training environment, see `observatio
 from typing import cast
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.commands import Commands
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.observation import Observation
 from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.engine import ti
 from taichi_plume.files.network import Network, NetworkError
 from taichi_plume.scenario.policy import Policy
 

@@ -14,12 +14,12 @@ left and right in turn and each time for twice as long.
 """
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.swarm import Swarm, wrap
+from taichi_plume.engine import ti
 
 SOFT = 0.1  # m from the way point, within which the attraction fades
 ROUNDING = 1e-5  # m
@@ -45,7 +45,7 @@ class Potential:
     def __init__(self, members: Members, parameters: Parameters):
         self.swarm, self.robot, self.p = members.swarm, members.robot, parameters
         n = members.size
-        self.mark = ti.Vector.field(2, ti.f32, n)  # position at the last progress [m]
+        self.mark = ti.vector_field(2, ti.f32, n)  # position at the last progress [m]
         self.idle = ti.field(ti.f32, n)  # time since then [s]
         self.tries = ti.field(ti.i32, n)  # escapes since `set_out`
         self.escape = ti.field(ti.f32, n)  # remaining time of the present escape [s]

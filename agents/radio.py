@@ -5,12 +5,12 @@ message of each teammate.
 """
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.serial_loops import runs_serially
+from taichi_plume.engine import ti
 from taichi_plume.grid.rng import uniform4
 
 NEVER = -1.0  # s, time of a message never received
@@ -33,12 +33,12 @@ class Radio:
         self.size = members.size
         shape = (self.size, int(parameters.largest("count")))
         self.value = ti.field(ti.f32, shape)
-        self.place = ti.Vector.field(2, ti.f32, shape)
-        self.sender = ti.Vector.field(2, ti.f32, shape)
+        self.place = ti.vector_field(2, ti.f32, shape)
+        self.sender = ti.vector_field(2, ti.f32, shape)
         self.time = ti.field(ti.f32, shape)
         self.speaks = ti.field(ti.i32, self.size)  # whether the robot sends a message in this tick
         self.said_value = ti.field(ti.f32, self.size)
-        self.said_place = ti.Vector.field(2, ti.f32, self.size)
+        self.said_place = ti.vector_field(2, ti.f32, self.size)
 
     @staticmethod
     def numbers(group: GroupRange) -> Numbers:
@@ -74,7 +74,7 @@ class Radio:
     @ti.kernel
     def _deliver(self, tick: int, t: float):
         ti.loop_config(serialize=ti.static(runs_serially(self.size)))
-        for n, m in self.value:
+        for n, m in ti.ndrange(*self.value.shape):
             other = n - self.p.mate[n] + m
             if m < self.p.count[n] and other != n and self.speaks[other] == 1:
                 i, j = self.robot[n], self.robot[other]

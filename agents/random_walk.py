@@ -6,12 +6,11 @@ BUMP  after a collision: another random angle and a new segment
 
 from math import pi, radians
 
-import taichi as ti
-
 from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.path_segments import DRIVE, Legs
+from taichi_plume.engine import ti
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario import algorithms
 

@@ -1,8 +1,8 @@
 """Recorded readings in place of a swarm, for gas maps computed after a run."""
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.transfer import uploader
 
 
@@ -11,8 +11,8 @@ class RecordedTeam:
     """Stand-in for a swarm: feeds recorded readings of at most `most` robots to a gas map (see `gas_map.Readers`)."""
 
     def __init__(self, most: int):
-        self.believed_position = ti.Vector.field(2, ti.f32, most)
-        self.wind = ti.Vector.field(2, ti.f32, most)
+        self.believed_position = ti.vector_field(2, ti.f32, most)
+        self.wind = ti.vector_field(2, ti.f32, most)
         self.wind_known = ti.field(ti.i32, most)
         self.reading = ti.field(ti.f32, most)
         self.members = ti.field(ti.i32, (1, most))

@@ -4,10 +4,10 @@ Only the referee knows the sources.
 """
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.columns import Columns
 from taichi_plume.agents.serial_loops import runs_serially
+from taichi_plume.engine import ti
 from taichi_plume.grid.kernels import Template
 
 

@@ -13,10 +13,9 @@ the likelihood of a detection in an update by a robot at x is
 
 from math import pi
 
-import taichi as ti
-
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import exp
 from taichi_plume.scenario.belief_algorithms import ParticleFilter as Model
 
@@ -36,10 +35,10 @@ class Releases:
         low, high = members.swarm.clearance.low, members.swarm.clearance.high
         self.floor = (tuple(low), tuple(high))
         n = members.size
-        self.wind_way = ti.Vector.field(2, ti.f32, (n, most))  # Σ u Δt of each period, a ring buffer [m]
-        self.drift = ti.Vector.field(2, ti.f32, n)  # Σ u Δt of the present period so far [m]
+        self.wind_way = ti.vector_field(2, ti.f32, (n, most))  # Σ u Δt of each period, a ring buffer [m]
+        self.drift = ti.vector_field(2, ti.f32, n)  # Σ u Δt of the present period so far [m]
         self.periods = ti.field(ti.i32, n)  # number of periods so far
-        self.back = ti.Vector.field(2, ti.f32, (n, most + 1))  # drift since each release, newest first [m]
+        self.back = ti.vector_field(2, ti.f32, (n, most + 1))  # drift since each release, newest first [m]
 
     @staticmethod
     def numbers(model: Model) -> Numbers:

@@ -4,8 +4,6 @@ from collections.abc import Callable, Sequence
 from math import exp
 from typing import cast
 
-import taichi as ti
-
 from taichi_plume.agents.anemometers import Anemometers
 from taichi_plume.agents.gas_laws import LAWS
 from taichi_plume.agents.gas_sensors import GasSensors
@@ -14,8 +12,10 @@ from taichi_plume.agents.line_sensors import LineSensors, Surroundings
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import on_cpu
 from taichi_plume.grid.fields import Odour, Species, Wind
-from taichi_plume.grid.kernels import Template, on_cpu
+from taichi_plume.grid.kernels import Template
 
 STRIP = 16  # sensors computed together on a CPU: LLVM vectorises loops without global stores
 WARMING = 900.0  # s, time constant of the heater warm-up after a cold start: our choice

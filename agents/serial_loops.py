@@ -1,6 +1,6 @@
 """Serial or parallel loops: decision whether a loop over robots is worth a second thread."""
 
-from taichi_plume.grid.kernels import on_cpu
+from taichi_plume.engine.fields import on_cpu
 
 SERIAL = 2000  # robots; waking a thread takes 0.1 ms, the time for 1,500 to 4,000 robots in a thread
 

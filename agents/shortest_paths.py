@@ -1,7 +1,8 @@
 """Shortest paths (path planning) over a floor of square cells, around obstacles."""
 
 import numpy as np
-import taichi as ti
+
+from taichi_plume.engine import ti
 
 FAR = 1e9  # m: no path
 MOST_SWEEPS = 1000  # each four passes over all cells; paths around n corners take about n sweeps

@@ -19,10 +19,10 @@ from math import ceil, inf
 from typing import Self
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.gas_map import Floor, GasMap, Readers, counts, ratio, shape, window_of, windows
 from taichi_plume.agents.serial_loops import runs_serially
+from taichi_plume.engine import ti
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario import maps as models
@@ -72,7 +72,7 @@ class Snapshots:
         self.kept, self.depth, self.margin = needs.sampled, needs.depth, needs.margin
         self.maps: list[SnapMap] = []  # maps to update at the end of a snapshot
         trials, most = floor.trials, floor.robots * (ceil(model.window / floor.tick) + 1)
-        self.samples = ti.Vector.field(3, ti.f32, (trials, self.kept, most))
+        self.samples = ti.vector_field(3, ti.f32, (trials, self.kept, most))
         self.taken = ti.field(ti.i32, (trials, self.kept))
         rows = self.shape[0] + 2 * self.margin
         columns = -(-self.shape[1] // self.strip) * self.strip + 2 * self.margin
@@ -213,7 +213,7 @@ def _gather(
 ):  # fmt: skip
     """Append a sample of every robot with a valid reading to the running snapshot of its trial."""
     ti.loop_config(serialize=ti.static(runs_serially(team_size.shape[0])))
-    for k in team_size:
+    for k in range(team_size.shape[0]):
         n = taken[k, slot]
         for m in range(team_size[k]):
             robot = members[k, m]
@@ -269,7 +269,7 @@ def _forecast_mae(
     mae: Template,
 ):  # fmt: skip
     """Compute the MAE of eq 8 for each trial, over cells known to forecast and snapshot; NaN without such cells."""
-    for k in mae:
+    for k in range(mae.shape[0]):
         total = 0.0
         cells = 0
         for i in range(numerator.shape[1]):
@@ -288,6 +288,6 @@ def _forecast_mae(
 def _copy(
     weighted: Template, weights: Template, slot: int, margin: int, numerator: Template, denominator: Template
 ):
-    for k, i, j in numerator:
+    for k, i, j in ti.ndrange(*numerator.shape):
         numerator[k, i, j] = weighted[k, slot, margin + i, margin + j]
         denominator[k, i, j] = weights[k, slot, margin + i, margin + j]

@@ -25,13 +25,12 @@ lower than the mean.)
 
 from math import pi
 
-import taichi as ti
-
 from taichi_plume.agents.acquisition import Recording, ticks_between
 from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.path_segments import Legs
+from taichi_plume.engine import ti
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario import algorithms
 
@@ -61,7 +60,7 @@ class Spiral(KernelAlgorithm):
         self.acquisition = Recording(self.members, self.p)
         self.heard = self.acquisition.heard
         self.indices = ti.field(ti.f32, (n, REMEMBERED))  # PI of the last acquisitions [ppm]
-        self.places = ti.Vector.field(2, ti.f32, (n, REMEMBERED))  # positions of these acquisitions [m]
+        self.places = ti.vector_field(2, ti.f32, (n, REMEMBERED))  # positions of these acquisitions [m]
         self.arm = ti.field(ti.i32, n)  # number of the arm in the present spiral, from 0 on
         self.sense = ti.field(ti.f32, n)  # +1: turns left, -1: right
         self.threshold = ti.field(ti.f32, n)  # T_PI [ppm]

@@ -8,11 +8,10 @@ CAST   along s V to cast_distance from where the plume was lost, then as far to 
        twice as far; after PAIRS of them, or when blocked on both sides, FIND
 """
 
-import taichi as ti
-
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.tracking import FIND, PlumeTracker
+from taichi_plume.engine import ti
 from taichi_plume.scenario import algorithms
 
 SURGE, CAST = range(2, 4)

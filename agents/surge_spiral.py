@@ -9,11 +9,10 @@ SPIRAL  along r = gap phi / 2 pi, turning towards s; after the set number of tur
 
 from math import pi
 
-import taichi as ti
-
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.tracking import FIND, STEER, PlumeTracker
+from taichi_plume.engine import ti
 from taichi_plume.scenario import algorithms
 
 SURGE, SPIRAL = range(2, 4)

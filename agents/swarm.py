@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from math import ceil
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.collisions import CLEAR, PINNED, PUSHED, SKIN, Contact
 from taichi_plume.agents.columns import Rows, columns_of, further_gas_sensors
@@ -19,8 +18,9 @@ from taichi_plume.agents.odometry import Odometry, Reckoning
 from taichi_plume.agents.referee import Referee
 from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.trials import OwnClocks, Trials
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.elementary import cos_sin, wrap
-from taichi_plume.grid.kernels import Field
 from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.robots import Group
@@ -89,9 +89,9 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         self.walker_count, self.source_count = len(walkers), len(sources)
         if episodes is not None:
             self.source_count = episodes.most_sources
-        self.discs: Field = ti.Vector.field(2, ti.f32, max(1, len(walkers)))  # positions of the walkers [m]
+        self.discs: Field = ti.vector_field(2, ti.f32, max(1, len(walkers)))  # positions of the walkers [m]
         self.disc_radius: Field = ti.field(ti.f32, max(1, len(walkers)))
-        self.sources = ti.Vector.field(2, ti.f32, max(1, self.source_count))
+        self.sources = ti.vector_field(2, ti.f32, max(1, self.source_count))
         if self.flies:
             self._allocate_flight(n)
         self._list_members()

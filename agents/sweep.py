@@ -12,13 +12,13 @@ DONE     stand at the end, unless the sweep is to be repeated backwards
 from typing import cast
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
-from taichi_plume.grid.kernels import Field
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario import algorithms
 
@@ -38,7 +38,7 @@ class Sweep(KernelAlgorithm):
         self.potential = Potential(self.members, self.p)
         ways = self._ways()
         n = self.size
-        self.way: Field = ti.Vector.field(2, ti.f32, (n, max(map(len, ways))))  # way points [m]
+        self.way: Field = ti.vector_field(2, ti.f32, (n, max(map(len, ways))))  # way points [m]
         self.length = ti.field(ti.i32, n)  # number of way points
         self.next = ti.field(ti.i32, n)  # number of the present way point
         self.order = ti.field(ti.i32, n)  # +1: forwards, -1: back

@@ -2,8 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 
-import taichi as ti
-
 from taichi_plume.agents.algorithm import Algorithm
 from taichi_plume.agents.algorithm_table import ALGORITHMS
 from taichi_plume.agents.members import Members
@@ -12,6 +10,7 @@ from taichi_plume.agents.policy import PolicyAlgorithm
 from taichi_plume.agents.replay import ReplayAlgorithm
 from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.engine import ti
 from taichi_plume.files.network import Network
 from taichi_plume.files.trajectories import Way
 from taichi_plume.scenario.robots import Group

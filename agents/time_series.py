@@ -14,10 +14,10 @@ reach, so that runs of any length fit. T >= time_scale window, so that U is neve
 from math import hypot
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.gas_map import Floor, shape
 from taichi_plume.agents.snapshots import Needs, SnapMap, Snapshots
+from taichi_plume.engine import ti
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario import maps as models
@@ -44,7 +44,7 @@ class TimeSeriesMap(SnapMap):
             for lag, x, y, U in neighbours
             if x >= 0 and y >= 0
         ]
-        self.offsets = ti.Vector.field(3, ti.i32, len(quadrant))
+        self.offsets = ti.vector_field(3, ti.i32, len(quadrant))
         self.closeness = ti.field(ti.f32, len(quadrant))
         table = np.array(quadrant)
         uploader(self.offsets, self.closeness)(table[:, :3], table[:, 3])
@@ -143,7 +143,7 @@ def _from_samples(
     numerator: Template, denominator: Template,
 ):  # fmt: skip
     """Compute numerator and denominator of eq 6 at snapshot (time window) `snap` from `depth` earlier snapshots."""
-    for k, i, j in numerator:
+    for k, i, j in ti.ndrange(*numerator.shape):
         center = (ti.Vector([i, j]) + 0.5) * cell
         a = 0.0
         b = 0.0

@@ -10,13 +10,12 @@ a slow sensor. Into the plume: reading at the threshold or more, and (if peak_fr
 smallest since the loss.
 """
 
-import taichi as ti
-
 from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.lag import Lag
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.swarm import wrap
+from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import cos_sin, direction
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario.plume_tracking import PlumeTracking
@@ -42,8 +41,8 @@ class PlumeTracker(KernelAlgorithm):
 
     def _allocate(self) -> None:
         n = self.size
-        self.wind = ti.Vector.field(2, ti.f32, n)  # average of the measured wind [m/s]
-        self.upwind = ti.Vector.field(2, ti.f32, n)  # U; the first heading until wind is measured
+        self.wind = ti.vector_field(2, ti.f32, n)  # average of the measured wind [m/s]
+        self.upwind = ti.vector_field(2, ti.f32, n)  # U; the first heading until wind is measured
         self.side = ti.field(ti.f32, n)  # s
         self.step_sign = ti.field(ti.f32, n)  # +1: find upwind, -1: downwind
         self.peak = ti.field(ti.f32, n)  # largest reading since entering the plume [ppm]

@@ -3,8 +3,7 @@
 In an ordinary run all trials share the clock, the seed and the scenario's sources, and this module is unused.
 """
 
-import taichi as ti
-
+from taichi_plume.engine import ti
 from taichi_plume.grid.rng import philox
 from taichi_plume.grid.transfer import uploader
 
@@ -26,9 +25,9 @@ class Trials:
     def __init__(self, count: int, team: int, sources: int, tick: float):
         self.count, self.team, self.most_sources = count, team, max(1, sources)
         self.age, self.goes, self.episode = (ti.field(ti.i32, count) for _ in range(3))
-        self.seed = ti.Vector.field(2, ti.u32, count)
+        self.seed = ti.vector_field(2, ti.u32, count)
         self.key, self.salt = ti.field(ti.u32, count), ti.field(ti.u32, count)
-        self.sources = ti.Vector.field(2, ti.f32, (count, self.most_sources))
+        self.sources = ti.vector_field(2, ti.f32, (count, self.most_sources))
         self.tick, self.side = ti.field(ti.f32, ()), ti.field(ti.f32, count)
         uploader(self.sources, self.tick)(FAR, tick)
 

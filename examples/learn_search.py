@@ -26,11 +26,11 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 from taichi_plume.assembly.assemble import assemble
+from taichi_plume.engine import program
 from taichi_plume.envs import bank as banks
 from taichi_plume.envs import export_onnx, sb3_env
 from taichi_plume.envs.task import open_task
 from taichi_plume.examples import path_of
-from taichi_plume.grid import kernels
 from taichi_plume.guard.terminal import say
 from taichi_plume.scenario.algorithms import Casting
 from taichi_plume.scenario.scenario import Scenario
@@ -55,7 +55,7 @@ def main() -> None:
     args = _arguments()
     torch.set_num_threads(args.threads)
     args.out.mkdir(parents=True, exist_ok=True)
-    kernels.start("cpu")
+    program.start("cpu")
     scenario, folder = open_task(args.task, args.set)
     path = args.out / "bank.zarr"
     begun = time.perf_counter()

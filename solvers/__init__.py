@@ -1,3 +1,3 @@
 """Processes that advance fields: air flow and gas."""
 
-MAY_IMPORT: tuple[str, ...] = ("files", "grid", "scenario")
+MAY_IMPORT: tuple[str, ...] = ("engine", "files", "grid", "scenario")

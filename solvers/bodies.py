@@ -14,11 +14,12 @@ from dataclasses import dataclass
 from math import cos, inf, prod, radians, sin
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.fields import Faces
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Field, Template
+from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.robots import Body
@@ -68,10 +69,10 @@ class Bodies:
         self.ball, self.permeable = ball, permeable
         self.n = Numbers("radius", "middle", "half_height", "drag", "pace")
         """pace: 1/dt [1/s]; 0 while the bodies are not there."""
-        self.half, self.turn = (ti.Vector.field(2, ti.f32, ()) for _ in range(2))
-        self.reach: Field = ti.Vector.field(grid.dim, ti.f32, ())
+        self.half, self.turn = (ti.vector_field(2, ti.f32, ()) for _ in range(2))
+        self.reach: Field = ti.vector_field(grid.dim, ti.f32, ())
         """Half sizes of the box around a body [m]."""
-        self.block: Field = ti.Vector.field(grid.dim, ti.i32, ())
+        self.block: Field = ti.vector_field(grid.dim, ti.i32, ())
         """Number of faces per axis in the box around a body, half a cell wider on either side."""
         self._put = uploader(self.half, self.turn, self.reach, self.block)
 
@@ -196,8 +197,8 @@ class MovingObstacle(Bodies):
     """Cylinder, sphere or box that moves as prescribed. Its position is exact at the end of each step."""
 
     def __init__(self, model: Obstacle, grid: Grid, open: Faces):
-        place: Field = ti.Vector.field(2, ti.f32, 1)
-        velocity: Field = ti.Vector.field(2, ti.f32, 1)
+        place: Field = ti.vector_field(2, ti.f32, 1)
+        velocity: Field = ti.vector_field(2, ti.f32, 1)
         super().__init__(grid, place, velocity, 1, open, ball=model.kind == "sphere" and grid.dim == 3)
         self._move = uploader(place, velocity)
         self.begin(model)

@@ -10,10 +10,10 @@ from itertools import pairwise
 from math import prod
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Field
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.openings import Fan, FanCurve, Honeycomb, Inlet, MovingWall, Opening

@@ -17,8 +17,8 @@ import scipy.linalg
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Field
 from taichi_plume.solvers.direct import Balance, FastTransforms, Window, angles
 from taichi_plume.solvers.poisson import OpenFractions
 

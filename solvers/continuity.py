@@ -9,9 +9,9 @@ do. u is then the molar mean velocity.
 phi, a velocity potential in units of dx, solves the Poisson equation (see `poisson`) of the flow's divergence.
 """
 
-import taichi as ti
-
-from taichi_plume.grid.kernels import Field, Template
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
+from taichi_plume.grid.kernels import Template
 from taichi_plume.solvers.momentum import Momentum
 
 

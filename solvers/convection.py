@@ -10,8 +10,7 @@ steps as in runs.
 from collections.abc import Callable
 from typing import NamedTuple
 
-import taichi as ti
-
+from taichi_plume.engine import ti
 from taichi_plume.grid.kernels import Template
 
 

@@ -10,8 +10,9 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import FEW_CELLS, Field
+from taichi_plume.grid.kernels import FEW_CELLS
 from taichi_plume.solvers.poisson import OpenFractions
 
 DENSE = 100  # cells of an axis up to which a product with a matrix takes less than a fast transform

@@ -14,11 +14,11 @@ body itself is no obstacle to the air.
 
 from math import pi, prod, sqrt
 
-import taichi as ti
-
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.fields import Faces
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Field, Template
+from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.scenario.bodies import GRAVITY, Body
 from taichi_plume.scenario.species import AIR_DENSITY
@@ -54,10 +54,10 @@ class Downwash:
         self.n = Numbers("mass", "radius", "arm", "height", "runs")
         """runs: whether the rotors turn, 1 or 0."""
         # middles of the discs [m]; acceleration of a face of weight 1 [m/s²]
-        self.hub, self.push = (ti.Vector.field(3, ti.f32, count * self.rotors) for _ in range(2))
-        self.reach: Field = ti.Vector.field(3, ti.f32, ())
+        self.hub, self.push = (ti.vector_field(3, ti.f32, count * self.rotors) for _ in range(2))
+        self.reach: Field = ti.vector_field(3, ti.f32, ())
         """Half sizes of the box around the discs of a drone [m]."""
-        self.block: Field = ti.Vector.field(3, ti.i32, ())
+        self.block: Field = ti.vector_field(3, ti.i32, ())
         """Number of faces of the box per axis."""
         self._put = uploader(self.reach, self.block)
         self.begin(body)

@@ -13,11 +13,12 @@ from itertools import combinations_with_replacement, product
 from typing import Any
 
 import numpy as np
-import taichi as ti
 from scipy.ndimage import maximum_filter, uniform_filter
 
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Field, Pass
+from taichi_plume.grid.kernels import Pass
 from taichi_plume.grid.tables import Tables
 
 REACH = 3  # cells that the convection schemes reach

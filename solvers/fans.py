@@ -10,8 +10,8 @@ p the kinematic pressure without the part that accelerates the air. Implicit in 
 """
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.tables import Tables
 from taichi_plume.scenario.openings import FanCurve

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import Numbers, uploader
 

@@ -12,12 +12,13 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, Faces
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Field, Pass, Template, launch, visit
+from taichi_plume.grid.kernels import Pass, launch, visit
 from taichi_plume.grid.sweeps import flux_sweep, sweep
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import reader, uploader
@@ -254,7 +255,8 @@ class FlowSolver(Carrier):
             resistance.begin(screen, model.viscosity)
         self.max_speed, self.max_courant = 1.0, 0.0
         self.boundaries.measure_inertia(self._impulse)
-        self._zero(self.u)
+        for field in self.u:
+            field.fill(0.0)
         self._settle()
 
     def _take_numbers(self, model: CfdWind) -> None:
@@ -285,22 +287,17 @@ class FlowSolver(Carrier):
         self._stage(0.0, 1.0)  # sets the eddy viscosity
         self._finish(*self._weights)
         self._read_limits()
-        self._zero((self.p,))
+        self.p.fill(0.0)
 
     def _impulse(self) -> Field:
         """Return the field phi whose gradient sets resting air in motion with the velocities at the boundaries."""
-        self._zero(self.u)
+        for field in self.u:
+            field.fill(0.0)
         self._begin(1.0)
         self._prescribe(1.0)
         self._diverge()
         self.solver.solve(self._divergence, self._phi, self.tolerance)
         return self._phi
-
-    @ti.kernel
-    def _zero(self, fields: Template):
-        for field in ti.static(fields):
-            for I in ti.grouped(field):
-                field[I] = 0.0
 
     # ---------------------------------------------------------------- limits and diagnostics
 

@@ -1,7 +1,6 @@
 """Frozen flow: time average of a computed flow; the average is divergence-free like the flow."""
 
-import taichi as ti
-
+from taichi_plume.engine import ti
 from taichi_plume.grid.kernels import launch
 from taichi_plume.scenario.winds import FrozenWind
 from taichi_plume.solvers.flow import FlowSolver

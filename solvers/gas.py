@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 from math import inf, isfinite
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, GridGas
 from taichi_plume.grid.grid import Grid

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from math import pi
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import exp
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.vocabulary import Face

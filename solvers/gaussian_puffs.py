@@ -10,11 +10,12 @@ Walls are faces of the domain along which the air moves.
 from math import inf
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.fields import Gas
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Field, Template
+from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.closed_forms import ContinuousGas, GaussianPuffGas
 from taichi_plume.solvers.gaussian_kernels import FAR, gaussian, walls_along
@@ -49,8 +50,8 @@ class GaussianPuffs(Gas):
         self.count = len(gas.releases)
         self.walls = reflecting(gas, grid)
         self.mass: Field = ti.field(ti.f32, self.count)
-        self.centre: Field = ti.Vector.field(grid.dim, ti.f32, self.count)
-        self.variance: Field = ti.Vector.field(grid.dim, ti.f32, self.count)
+        self.centre: Field = ti.vector_field(grid.dim, ti.f32, self.count)
+        self.variance: Field = ti.vector_field(grid.dim, ti.f32, self.count)
         self._put = uploader(self.mass, self.centre, self.variance)
         self.begin(gas, t, 0)
 
@@ -109,10 +110,10 @@ class ContinuousPuffs(Gas):
         self.wind = wind
         self.count = len(gas.sources)
         self.walls = reflecting(gas, grid)
-        self.U: Field = ti.Vector.field(grid.dim, ti.f32, ())
-        self.D: Field = ti.Vector.field(grid.dim, ti.f32, ())
+        self.U: Field = ti.vector_field(grid.dim, ti.f32, ())
+        self.D: Field = ti.vector_field(grid.dim, ti.f32, ())
         self.root_B = ti.field(ti.f32, ())
-        self.place: Field = ti.Vector.field(grid.dim, ti.f32, self.count)
+        self.place: Field = ti.vector_field(grid.dim, ti.f32, self.count)
         self.rate, self.spread = (ti.field(ti.f32, self.count) for _ in range(2))
         self.youngest, self.oldest = (ti.field(ti.f32, self.count) for _ in range(2))
         self.node, self.weight = (ti.field(ti.f32, NODES) for _ in range(2))

@@ -9,10 +9,10 @@ that parabola by the law of the wall beyond the viscous layer.
 
 from collections.abc import Callable
 
-import taichi as ti
-
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.fields import Faces
-from taichi_plume.grid.kernels import Field, Pass, Template, visit
+from taichi_plume.grid.kernels import Pass, Template, visit
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.momentum import Momentum, density
 from taichi_plume.solvers.walls import Walls, straightness
@@ -26,10 +26,12 @@ class Ghosts:
         self.b, self.walls, self.lawful = boundaries, walls, walls is not None
         self.grid, self.dim = boundaries.grid, boundaries.dim
 
-    def _visit(self, body: Callable[..., None], *given: Field | Faces | Momentum | bool) -> Pass:
+    def _visit(
+        self, body: Callable[..., None], field: Field, *given: Field | Faces | Momentum | bool
+    ) -> Pass:
         """Return the pass that calls ``body(*given, K, d, a)`` for all boundary faces K of each axis d.
 
-        K[d] is 0 on the lower side of the domain and 1 on the upper one.
+        K[d] is 0 on the lower side of the domain and 1 on the upper one; field: a padded field that is visited.
         """
 
         def of_axis(d: int) -> Callable:
@@ -39,29 +41,30 @@ class Ghosts:
 
             return visited
 
-        return visit([of_axis(d) for d in range(self.dim)], self.b.sides)
+        like = [(field, self.b.free[d]) for d in range(self.dim)]
+        return visit([of_axis(d) for d in range(self.dim)], self.b.sides, *like)
 
-    def filling_velocity(self, u: Field) -> Pass:
+    def filling_velocity(self, u: Faces) -> Pass:
         """Return the pass that sets all ghost values of the face velocities u by the boundary conditions."""
-        return self._visit(self._fill_velocity_at, u)
+        return self._visit(self._fill_velocity_at, u[0], u)
 
-    def prescribing(self, u: Field, u0: Field) -> Pass:
+    def prescribing(self, u: Faces, u0: Faces) -> Pass:
         """Return the pass that sets prescribed velocities at a fraction `a` of the step, between u0 at its start and
         the targets at its end, and the upper faces of periodic axes.
         """
-        return self._visit(self._prescribe_at, u, u0)
+        return self._visit(self._prescribe_at, u[0], u, u0)
 
     def filling_pressure(self, p: Field, with_ambient: bool) -> Pass:
         """Return the pass that sets the ghost values of p such that free faces have the ambient pressure (or zero)."""
-        return self._visit(self._fill_pressure_at, p, with_ambient)
+        return self._visit(self._fill_pressure_at, p, p, with_ambient)
 
-    def updating_losses(self, u: Field, m: Momentum) -> Pass:
+    def updating_losses(self, u: Faces, m: Momentum) -> Pass:
         """Return the pass that sets the pressure on free faces from the loss K/2 rho u|u|, rho the density of the air
         that passes over the reference density: of the cell inside if air goes out, else 1.
 
         The pressure relaxes over dt (a) at the rate that is stable for any loss coefficient K.
         """
-        return self._visit(self._update_loss_at, u, m)
+        return self._visit(self._update_loss_at, u[0], u, m)
 
     @ti.func
     def _prescribe_at(self, u: Template, u0: Template, K, d: Template, a: float):
@@ -133,8 +136,7 @@ class Ghosts:
         """
         wall, drawn = 0.0, 0.0
         for step in ti.static(range(2)):
-            cell = K
-            cell[c] = ti.max(K[c] - step, 0)
+            cell = K + ti.Vector.unit(self.dim, c, ti.i32) * (ti.max(K[c] - step, 0) - K[c])
             mirror, speed = self.b.mirror[d][cell][c], self.b.target[d][cell][d]
             wall += ti.select(mirror < 0.0, 0.5, 0.0)
             drawn += ti.select(mirror > 0.0 or (mirror == 0.0 and speed * outward > 0.0), 0.5, 0.0)

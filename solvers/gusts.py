@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from math import ceil, expm1
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.transfer import Numbers
 
 KNOTS_PER_TIME = 20  # between knots v lacks 0.6 % of its variance, Y 0.1 % of s T
@@ -62,10 +62,10 @@ class OrnsteinUhlenbeck:
         """Allocate the ring buffer of knots and start the processes; arguments as for `begin`."""
         self.size = len(deviations)
         self.count = max(knots(time, reach), LEAST)
-        self.path = ti.Vector.field(2 * self.size, ti.f32, self.count)
+        self.path = ti.vector_field(2 * self.size, ti.f32, self.count)
         self.head = ti.field(ti.i32, ())
         self.share = ti.field(ti.f32, ())
-        self.now = ti.Vector.field(self.size, ti.f32, ())
+        self.now = ti.vector_field(self.size, ti.f32, ())
         self.n = Numbers("reach", "interval")
         self.begin(deviations, time, t, reach, rng)
 

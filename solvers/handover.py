@@ -9,8 +9,8 @@ that the concentration reads the same before and after.
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, sample_cells
 from taichi_plume.grid.kernels import Template

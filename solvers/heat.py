@@ -12,8 +12,8 @@ from math import floor, inf
 from typing import cast
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid

@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 from math import sqrt
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
 from taichi_plume.files.film import VELOCITIES
 from taichi_plume.files.wind_points import Points
 from taichi_plume.files.wind_site import Site

@@ -10,11 +10,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.fields import Faces
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Field, Template
+from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.winds import CfdWind
@@ -130,10 +131,10 @@ class Momentum:
         self.driven = model.acceleration is not None
         self.weighing, self.sources = tuple(weighing), tuple(sources)
         self.viscosity, self.constant, self.roughness = (ti.field(ti.f32, ()) for _ in range(3))
-        self.force: Field = ti.Vector.field(grid.dim, ti.f32, ())
+        self.force: Field = ti.vector_field(grid.dim, ti.f32, ())
         count = max(1, len(self.weighing))
         self.weight = ti.field(ti.f32, count)
-        self.pull, self.half_pull = (ti.Vector.field(grid.dim, ti.f32, count) for _ in range(2))
+        self.pull, self.half_pull = (ti.vector_field(grid.dim, ti.f32, count) for _ in range(2))
         self._put = uploader(
             self.viscosity, self.constant, self.roughness, self.force, self.weight, self.pull, self.half_pull
         )
@@ -182,9 +183,7 @@ def convective_flux(m: Template, I, d: Template, e: Template, last: Template):
     v = 0.5 * (m.u[e][I] + m.u[e][I - D])
     if ti.static(m.cut):
         v = 0.5 * (m.area[e][I] * m.u[e][I] + m.area[e][I - D] * m.u[e][I - D])
-    far = I + 2 * E
-    if ti.static(last):
-        far[e] = ti.min(far[e], ti.static(m.grid.padded[e] - 1))
+    far = I + E * (ti.min(m.grid.padded[e] - 1 - I[e], 2) if ti.static(last) else 2)
     return v * m.face_value(m.u[d], I, E, v, far)
 
 

@@ -2,10 +2,11 @@
 
 import numpy as np
 import scipy.sparse as sp
-import taichi as ti
 
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Field, Template
+from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.tables import Tables
 from taichi_plume.solvers.poisson import OpenFractions
 from taichi_plume.solvers.vcycle import VCycle

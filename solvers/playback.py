@@ -11,8 +11,8 @@ from math import inf
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, GridGas, Wind, sample_faces
 from taichi_plume.grid.grid import Grid

@@ -9,11 +9,11 @@ equal for x << U T, T the gusts' integral time: the width of both means is the i
 away the air loses the memory of its gusts, and the mean plume widens as by diffusion, with the root of x.
 """
 
-import taichi as ti
-
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.fields import Gas
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Field, Template
+from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import generator
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.closed_forms import GaussianPlumeGas, MeanderingGas
@@ -59,12 +59,12 @@ class Plumes(Gas):
         self.meanders = gas.kind == "meandering"
         self.most = most_walls(gas.reflecting(grid.dim), grid.dim)
         self.width: OrnsteinUhlenbeck | None = None
-        self.place: Field = ti.Vector.field(grid.dim, ti.f32, self.count)
+        self.place: Field = ti.vector_field(grid.dim, ti.f32, self.count)
         self.flow, self.radius = (ti.field(ti.f32, self.count) for _ in range(2))
         self.speed, self.fluctuation = (ti.field(ti.f32, ()) for _ in range(2))
-        self.axes: Field = ti.Vector.field(grid.dim, ti.f32, grid.dim)
-        self.growth: Field = ti.Vector.field(3, ti.f32, grid.dim - 1)
-        self.walls: Field = ti.Vector.field(2, ti.f32, grid.dim - 1)
+        self.axes: Field = ti.vector_field(grid.dim, ti.f32, grid.dim)
+        self.growth: Field = ti.vector_field(3, ti.f32, grid.dim - 1)
+        self.walls: Field = ti.vector_field(2, ti.f32, grid.dim - 1)
         self._put = uploader(
             self.place,
             self.flow,

@@ -7,8 +7,8 @@ All are planar: in 3-D they are the same at every height, and their wind is hori
 from math import floor, pi, sqrt
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
 from taichi_plume.files.point_frames import PointFrames
 from taichi_plume.grid.fields import Gas, Wind
 from taichi_plume.grid.kernels import Template
@@ -141,7 +141,7 @@ class ProgramPuff(Gas):
     def __init__(self, gas: PlumeSimPuff, extent: tuple[float, ...], t: float = 0.0):
         self.extent = extent
         self.release, self.lowest, self.highest, self.spread = (
-            ti.Vector.field(2, ti.f32, ()) for _ in range(4)
+            ti.vector_field(2, ti.f32, ()) for _ in range(4)
         )
         self.cell, self.reach2, self.peak = (ti.field(ti.f32, ()) for _ in range(3))
         self._put = uploader(

@@ -7,9 +7,10 @@ look-up, which thus visits 3 x 3 bins, a row of three at a time.
 from math import ceil, prod, sqrt
 
 import numpy as np
-import taichi as ti
 
-from taichi_plume.grid.kernels import Field, Template
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
+from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
 
 MOST_BINS = 65_536
@@ -36,8 +37,8 @@ class PointCloud:
         self.capacity = max(1, capacity)
         self.first: Field = ti.field(ti.i32, prod(self.bins) + 1)
         self.order: Field = ti.field(ti.i32, self.capacity)
-        self.place: Field = ti.Vector.field(2, ti.f32, self.capacity)
-        self.value: Field = ti.Vector.field(values, ti.f32, self.capacity)
+        self.place: Field = ti.vector_field(2, ti.f32, self.capacity)
+        self.value: Field = ti.vector_field(values, ti.f32, self.capacity)
         self._put = uploader(self.first, self.order, self.place, self.value)
 
     def set(self, place: np.ndarray, value: np.ndarray) -> None:

@@ -5,8 +5,8 @@ from typing import Protocol
 
 import numpy as np
 
+from taichi_plume.engine.fields import Field, on_cpu
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Field, on_cpu
 from taichi_plume.scenario.size import ENTRIES_PER_CELL, MOST_BESIDE
 from taichi_plume.solvers.capacitance import Capacitance, Changes
 from taichi_plume.solvers.direct import FastTransforms, SparseFactors

@@ -10,10 +10,11 @@ Neither depends on threads, so sums are the same to the bit.
 from math import prod
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field, on_cpu
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Field, Template, on_cpu
+from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
 
 STEP = 2.0  # factor from the sizes of a list to those of the next list
@@ -36,7 +37,7 @@ class PuffCells:
         sizes, shapes = self._lists_of(0.0)
         capacity = sum(map(prod, shapes))
         self._size: Field = ti.field(ti.f32, len(sizes))  # size of the largest puff in each list [m]
-        self._shape: Field = ti.Vector.field(self.dim, ti.i32, len(sizes))
+        self._shape: Field = ti.vector_field(self.dim, ti.i32, len(sizes))
         self._first: Field = ti.field(ti.i32, len(sizes) + 1)
         self.lists: Field = ti.field(ti.i32, ())  # number of lists
         self._cells: Field = ti.field(ti.i32, ())  # number of cells of all lists

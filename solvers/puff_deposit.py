@@ -9,10 +9,10 @@ from math import sqrt
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field, on_cpu
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.kernels import Field, on_cpu
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.solvers.puff_list import FREE
 from taichi_plume.solvers.transport import raised
@@ -58,7 +58,7 @@ class Deposit:
 
     @ti.kernel
     def _spread(self, t: float):
-        for I in ti.grouped(self.c):
+        for I in ti.grouped(ti.ndrange(*self.c.shape)):
             self.c[I] = 0.0
         for lane in range(self._lanes):
             count = self.solver.puffs.cells.alive()

@@ -16,11 +16,12 @@ wider than a cell keeps its growth rate, which is never below that of gas on the
 from math import gamma, sqrt
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.fields import Wind, corner, corner_weight
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Field, Template
+from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import Numbers
 from taichi_plume.scenario.gases import PuffGas
 

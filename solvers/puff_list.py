@@ -7,10 +7,11 @@ replaces ti.exp, which LLVM cannot vectorise.
 from math import ceil, erf, exp, log2, pi, sqrt
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field, on_cpu
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Field, Template, double_field, on_cpu
+from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.level_set import LevelSet
 from taichi_plume.solvers.puff_cells import PuffCells
 
@@ -58,7 +59,7 @@ class PuffList:
         self._per_area: Field = ti.field(ti.f32, most)  # 1/(2 s²)
         self._weight: Field = ti.field(ti.f32, most)  # concentration at the centre [kg/m³]
         self._plane: Field = tuple(ti.field(ti.f32, most) for _ in range(grid.dim + 1)) if surfaces else ()
-        self._gone = double_field()  # mass that left the domain [kg]
+        self._gone = ti.field(ti.f64)  # mass that left the domain [kg]
         self._powers, self._squarings = exponential(0.5 * cutoff**2)
         self._unit = sqrt(2.0 * pi) ** -grid.dim / share_within(cutoff, grid.dim)
         if grid.dim == 2:

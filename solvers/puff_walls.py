@@ -1,7 +1,6 @@
 """Walls and obstacles for puffs: reflection of their paths, and mirror images of the gas in front of them."""
 
-import taichi as ti
-
+from taichi_plume.engine import ti
 from taichi_plume.grid.fields import Wind
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template

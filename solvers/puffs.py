@@ -22,8 +22,8 @@ Puffs that are wider than the cells of the grid may become gas on the grid (see 
 from math import isfinite
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Gas, Wind
 from taichi_plume.grid.grid import Grid

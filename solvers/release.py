@@ -12,11 +12,12 @@ from collections.abc import Sequence
 from math import ceil, prod
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid, block_mean
-from taichi_plume.grid.kernels import Field, Pass, Template, double_field
+from taichi_plume.grid.kernels import Pass, Template
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.heat import Heater
 from taichi_plume.scenario.sources import Source
@@ -125,11 +126,11 @@ class Release:
             prod(min(2 * self._half(ball), n + 2 * REACH) + 2 * REACH + 2 for n in grid.shape)
             for ball in balls
         )
-        self._cell = ti.Vector.field(grid.dim, ti.i32, self.cells)
-        self._share = double_field((self.cells,))  # amount per volume of air
+        self._cell = ti.vector_field(grid.dim, ti.i32, self.cells)
+        self._share = ti.field(ti.f64, (self.cells,))  # amount per volume of air
         self._owner = ti.field(ti.i32, self.cells)
         self._count: Field = ti.field(ti.i32, ())  # of the cells
-        self._amount = double_field((len(balls),))
+        self._amount = ti.field(ti.f64, (len(balls),))
         self._put_cells = uploader(self._cell, self._owner, self._count)
         self._put_shares = uploader(self._share)
         self._put_amounts = uploader(self._amount)

@@ -10,10 +10,11 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Field, Template
+from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import Numbers
 from taichi_plume.scenario.screens import Screen

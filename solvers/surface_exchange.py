@@ -12,12 +12,12 @@ from collections.abc import Iterator, Sequence
 from typing import cast
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass, Template, double_field
+from taichi_plume.grid.kernels import Pass, Template
 from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.scenario.windows import Region
 from taichi_plume.solvers.openings import Patch
@@ -39,7 +39,7 @@ class Tally:
     STATE = ("_total",)
 
     def __init__(self) -> None:
-        self._total, self._before, self._rate = (double_field() for _ in range(3))
+        self._total, self._before, self._rate = (ti.field(ti.f64) for _ in range(3))
 
     @ti.func
     def begin(self, stage):
@@ -101,7 +101,7 @@ class SurfaceExchange:
             touched[cells] = True
         self._where = np.nonzero(touched)
         self.cells = len(self._where[0])
-        self._cell = ti.Vector.field(grid.dim, ti.i32, self.cells)
+        self._cell = ti.vector_field(grid.dim, ti.i32, self.cells)
         self._stores, self._rate, self._gain = (ti.field(ti.f32, self.cells) for _ in range(3))
         self._film, self._film_gain, self._sticky = (ti.field(ti.f32, self.cells) for _ in range(3))
         uploader(self._cell, self._stores)(np.argwhere(touched) + grid.ghost, self.room[self._where])

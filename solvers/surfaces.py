@@ -10,11 +10,12 @@ length and van Driest's damping D. The separation point of a laminar layer does 
 """
 
 import numpy as np
-import taichi as ti
 from scipy.ndimage import correlate1d, uniform_filter1d
 
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.kernels import Field, Pass, Template
+from taichi_plume.grid.kernels import Pass, Template
 from taichi_plume.grid.tables import Tables
 from taichi_plume.solvers.extension import REACH, Extension
 from taichi_plume.solvers.momentum import Momentum

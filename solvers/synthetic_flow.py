@@ -17,9 +17,9 @@ the eddy part over the turbulent Schmidt number, as in a computed flow.
 """
 
 import numpy as np
-import taichi as ti
 from scipy.ndimage import distance_transform_edt
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
@@ -186,7 +186,7 @@ class SyntheticSolver(Carrier):
     def _shift_frames(self):
         """Copy the velocities of the later key frame to the earlier key frame."""
         for d in ti.static(range(self.dim)):
-            for I in ti.grouped(self._after[d]):
+            for I in ti.grouped(ti.ndrange(*self._after[d].shape)):
                 self._before[d][I] = self._after[d][I]
 
     def _build_blending(self) -> None:

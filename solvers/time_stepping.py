@@ -4,9 +4,10 @@ from math import prod, sqrt
 from typing import cast
 
 import numpy as np
-import taichi as ti
 
-from taichi_plume.grid.kernels import STRIP, Pass, on_cpu
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import on_cpu
+from taichi_plume.grid.kernels import STRIP, Pass
 from taichi_plume.grid.transfer import reader
 from taichi_plume.solvers.momentum import Momentum
 

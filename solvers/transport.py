@@ -14,12 +14,13 @@ from math import ceil
 from typing import cast
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Field, Pass, Template, launch, visit
+from taichi_plume.grid.kernels import Pass, Template, launch, visit
 from taichi_plume.grid.sweeps import sweep
 from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.solvers.convection import Limited
@@ -110,7 +111,7 @@ class Transport:
             *([add_sources] if add_sources else []), sweep([self._present], [self._start], cells)
         )
         self._stage = launch(
-            visit([self._filling(d) for d in range(self.dim)], self._sides),
+            visit([self._filling(d) for d in range(self.dim)], self._sides, *((self.q,) for _ in grid.shape)),
             sweep([self._tendency], [self.rate], cells),
             *([surfaces.into(self.rate, self.q)] if surfaces else []),
             Pass(self._count_outflow, grid.boundary_faces),

@@ -1,8 +1,8 @@
 """Turbulence models (large-eddy simulation): eddy viscosity of unresolved scales by Smagorinsky or Vreman."""
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.kernels import Template
 from taichi_plume.solvers.convection import greater, lesser
 from taichi_plume.solvers.wall_law import KAPPA

@@ -1,8 +1,8 @@
 """Uniform wind: the same velocity everywhere, constant or with gusts across the wind."""
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
@@ -36,7 +36,7 @@ class UniformSolver(Carrier):
         self.u = grid.faces_field()
         self.open = grid.faces_field()
         uploader(*self.open)(*(1.0 for _ in self.open))
-        self.now = ti.Vector.field(grid.dim, ti.f32, ())
+        self.now = ti.vector_field(grid.dim, ti.f32, ())
         self.gusts: OrnsteinUhlenbeck | None = None
         if wind.gusts is None:
             self.STATE = ()  # the velocity follows from the scenario alone
@@ -73,7 +73,7 @@ class UniformSolver(Carrier):
         for d in ti.static(range(self.dim)):
             self.now[None][d] = felt[d]
         for d in ti.static(range(self.dim)):
-            for I in ti.grouped(self.u[d]):
+            for I in ti.grouped(ti.ndrange(*self.u[d].shape)):
                 self.u[d][I] = carrying[d]
 
     def advance(self, t: float, dt: float) -> None:

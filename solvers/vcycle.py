@@ -3,9 +3,10 @@
 from math import prod
 
 import numpy as np
-import taichi as ti
 
-from taichi_plume.grid.kernels import FEW_CELLS, STRIP, Template, on_cpu
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import on_cpu
+from taichi_plume.grid.kernels import FEW_CELLS, STRIP, Template
 from taichi_plume.grid.tables import Tables
 from taichi_plume.solvers.poisson import OpenFractions
 

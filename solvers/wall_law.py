@@ -15,9 +15,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import taichi as ti
 from numpy.polynomial import Polynomial
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.kernels import Template
 from taichi_plume.solvers.convection import greater, lesser
 

@@ -11,12 +11,13 @@ from functools import cached_property
 from typing import cast
 
 import numpy as np
-import taichi as ti
 from scipy.spatial import cKDTree
 
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Field, Pass, Template, visit
+from taichi_plume.grid.kernels import Pass, Template, visit
 from taichi_plume.grid.sweeps import sweep
 from taichi_plume.grid.transfer import reader
 from taichi_plume.solvers.boundaries import Boundaries
@@ -70,7 +71,11 @@ class Walls:
             return extend
 
         axes = [d for d in range(self.dim) if not self.grid.periodic[d]]
-        return visit([of_axis(d) for d in axes], [self.b.sides[d] for d in axes])
+        return visit(
+            [of_axis(d) for d in axes],
+            [self.b.sides[d] for d in axes],
+            *((nu, self.viscosity[d]) for d in axes),
+        )
 
     @ti.func
     def first_cell(self, K, d: Template):
@@ -126,8 +131,7 @@ class Walls:
     @ti.func
     def bend_at(self, K: Template, d: Template, c: Template):
         """Return d ln u/d ln y for component c, mean of the boundary faces K and K - 1 along c; d: axis of the wall."""
-        below = K
-        below[c] = ti.max(K[c] - 1, 0)
+        below = K - ti.Vector.unit(self.dim, c, ti.i32) * ti.min(K[c], 1)
         return 0.5 * (self.bend[d][K] + self.bend[d][below])
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume.grid.kernels import compiled
+from taichi_plume.engine.program import compiled
 from taichi_plume.grid.state import State
 
 Play = Callable[[int, int], Sequence[np.ndarray]]

@@ -27,9 +27,9 @@ def taichi(request):
     """A fresh Taichi, on the CPU unless given."""
     import taichi as ti
 
-    from taichi_plume.grid import kernels
+    from taichi_plume.engine import program
 
-    kernels.start(request.config.getoption("--arch"))
+    program.start(request.config.getoption("--arch"))
     yield
     ti.reset()
 

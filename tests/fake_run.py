@@ -6,11 +6,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import taichi as ti
 import yaml
 
 from taichi_plume.agents.columns import COLUMNS
 from taichi_plume.agents.groups import GroupRange
+from taichi_plume.engine import ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Gas, Mixture, Wind
 from taichi_plume.grid.grid import Grid

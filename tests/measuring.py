@@ -30,20 +30,20 @@ class Measuring:
             return 0
         import taichi as ti
 
-        from taichi_plume.grid import kernels
+        from taichi_plume.engine import program
 
         if not self.watched:
             self.watched = True
             for name in ("init", "reset"):
                 setattr(ti, name, self.counting(getattr(ti, name)))
-        return self.compiled + kernels.compiled()
+        return self.compiled + program.compiled()
 
     def counting(self, function):
         """A function of Taichi that forgets kernels, and counts them before."""
-        from taichi_plume.grid import kernels
+        from taichi_plume.engine import program
 
         def counted(*args, **options):
-            self.compiled += kernels.compiled()
+            self.compiled += program.compiled()
             return function(*args, **options)
 
         return counted

@@ -9,7 +9,7 @@ import pytest
 
 from taichi_plume import load_scenario
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.grid import kernels
+from taichi_plume.engine import program
 from taichi_plume.validation.cross_checks import one_layer
 
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(autouse=True)
 def checked():
-    kernels.start("cpu", debug=True)
+    program.start("cpu", debug=True)
 
 
 def test_robots_and_maps_stay_within_their_fields():

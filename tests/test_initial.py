@@ -10,8 +10,8 @@ from pydantic import ValidationError
 
 from taichi_plume.assembly.assemble import build
 from taichi_plume.assembly.preparation import checked
+from taichi_plume.engine.program import compiled, ensure_started
 from taichi_plume.execution.film_output import Filming
-from taichi_plume.grid.kernels import compiled, ensure_started
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.initial_conditions import units_of
 from taichi_plume.scenario.loading import ScenarioError

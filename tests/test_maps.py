@@ -15,9 +15,9 @@ from taichi_plume.agents.recorded_readings import RecordedTeam
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.cli import maps
+from taichi_plume.engine import program
 from taichi_plume.execution import robots_table
 from taichi_plume.files.readings import ReadingsError, read
-from taichi_plume.grid import kernels
 from taichi_plume.results.recorded_maps import map_of
 from taichi_plume.scenario.maps import InverseDistanceMap, KernelMap, MarkovMap, TimeSeriesMap
 
@@ -60,7 +60,7 @@ def inverse_distance(window: float) -> InverseDistanceMap:
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     """A run to its end with its robots.parquet, and what its second trial's maps reported."""
-    kernels.start("cpu")
+    program.start("cpu")
     path = tmp_path_factory.mktemp("run") / "readings.yaml"
     path.write_text(SCENARIO)
     sim = assemble(load_scenario(path))

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import taichi as ti
 from scripts import read_result
 
 from taichi_plume.cli import run
+from taichi_plume.engine import ti
 from taichi_plume.execution import checkpoint_reading
 from taichi_plume.files import checkpoint, manifest
 from taichi_plume.files.run_folder import RunFolderError

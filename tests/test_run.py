@@ -11,8 +11,9 @@ from scripts import read_result
 
 from taichi_plume.assembly import assemble
 from taichi_plume.cli import run
+from taichi_plume.engine import program
 from taichi_plume.files import disk
-from taichi_plume.grid import fields, kernels
+from taichi_plume.grid import fields
 from taichi_plume.time_loop import Every, UnstableError
 
 SCENARIO = """
@@ -187,9 +188,9 @@ def test_folder_that_cannot_be_used_is_reported_before_anything_is_made(scenario
 
 def test_missing_device_is_reported_and_leaves_earlier_results(scenario, monkeypatch, capsys):
     def start(arch):
-        raise kernels.DeviceError(f"no {arch} device was found; use --arch cpu or auto")
+        raise program.DeviceError(f"no {arch} device was found; use --arch cpu or auto")
 
-    monkeypatch.setattr(kernels, "start", start)
+    monkeypatch.setattr(program, "start", start)
     Path("out").mkdir()
     Path("out/result.json").write_text("{}")
     for options in (["--out", "out", "--force"], []):

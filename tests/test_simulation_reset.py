@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.grid.kernels import compiled
+from taichi_plume.engine.program import compiled
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario

@@ -56,11 +56,11 @@ def _validate(args: argparse.Namespace) -> int:
     if args.list:
         _print_list(cases)
         return 0
-    from taichi_plume.grid import kernels
+    from taichi_plume.engine import program
     from taichi_plume.grid.blas import one_blas_thread
     from taichi_plume.validation.report import page
 
-    backend = kernels.start(args.arch)
+    backend = program.start(args.arch)
     if args.out:
         args.out.mkdir(parents=True, exist_ok=True)
     report, pictures = one_blas_thread(_examine)(cases, args, backend)

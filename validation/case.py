@@ -7,7 +7,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from taichi_plume.grid import kernels
+from taichi_plume.engine import program
 
 Keys: TypeAlias = dict[str, Any]
 """Scenario or section of a scenario, as a YAML file holds it; part of a report, as JSON holds it."""
@@ -137,7 +137,7 @@ def examine(
     errors: dict[str, dict[int, float]] = {}
     curves: dict[str, Curve] = {}
     for n in resolutions:
-        kernels.start(arch)
+        program.start(arch)
         for name, part in case.solve(n).items():
             if isinstance(part, Curve):
                 curves[name] = part

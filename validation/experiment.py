@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import bootstrap
 
-from taichi_plume.grid import kernels
+from taichi_plume.engine import program
 from taichi_plume.validation.case import Curve, Evidence
 
 
@@ -201,7 +201,7 @@ def examine(experiment: Experiment, trials: int, arch: str = "cpu") -> tuple[lis
     rows: list[Row] = []
     pictures: dict[str, Picture] = {}
     for condition in experiment.conditions:
-        kernels.start(arch)
+        program.start(arch)
         results = condition.run(trials)
         means = {name: part for name, part in results.items() if isinstance(part, Mean)}
         pictures |= {name: part for name, part in results.items() if not isinstance(part, Mean)}

@@ -9,7 +9,6 @@ of the source. Searches start in the middle with a detection, and the source is 
 from functools import partial
 
 import numpy as np
-import taichi as ti
 from scipy.special import k0
 from scipy.stats import poisson
 
@@ -17,6 +16,7 @@ from taichi_plume.agents.algorithm_table import ALGORITHMS
 from taichi_plume.agents.infotaxis import STAY, AnyInfotaxis
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.engine import ti
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.rng import stream_id, uniform4
 from taichi_plume.scenario.robots import Group
@@ -83,7 +83,7 @@ class Ours:
         self.algorithm = ALGORITHMS[kind](self.swarm, Members(self.swarm, [0]), 0.1)
         assert isinstance(self.algorithm, AnyInfotaxis)
         self.stream = stream_id("detections")
-        self.source = ti.Vector.field(2, ti.f32, len(cells))
+        self.source = ti.vector_field(2, ti.f32, len(cells))
         self.source.from_numpy((cells + 0.5).astype(np.float32))
         self.steps = ti.field(ti.i32, len(cells))
 

@@ -34,9 +34,9 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.assembly.assemble import assemble
+from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import exp, log
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.metal_oxides import MOX_MODELS

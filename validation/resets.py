@@ -24,10 +24,10 @@ import yaml
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.preparation import load_scenario
+from taichi_plume.engine import program
 from taichi_plume.execution.result import result, write_result
 from taichi_plume.execution.robots_table import RobotTable
 from taichi_plume.files.run_folder import to_yaml
-from taichi_plume.grid import kernels
 from taichi_plume.guard.terminal import Parser, say
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.time_loop import TimeLoop
@@ -74,10 +74,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 def check(path: Path, times: int) -> int:
     """Compare the resets of the scenario at `path` with fresh processes; return the exit code."""
     scenario = load_scenario(path, allow_outside=True)  # files lie in the folder of the config
-    kernels.start("cpu")
+    program.start("cpu")
     sim = assemble(scenario, path.parent, allow_outside=True)
     _run(sim, path.parent / "first")
-    compiled, faults, idle = kernels.compiled(), [], []
+    compiled, faults, idle = program.compiled(), [], []
     for name, other in variants(scenario):
         sim.reset(other)
         _run(sim, path.parent / f"reset-{name}")
@@ -91,7 +91,7 @@ def check(path: Path, times: int) -> int:
         faults += [f"{name}: {fault}" for fault in changes]
         if name != "same" and not list(differences(path.parent / "first", fresh, ("steps", "gas"))):
             idle.append(name)
-    more, grown = kernels.compiled() - compiled, growth(sim, scenario, times)
+    more, grown = program.compiled() - compiled, growth(sim, scenario, times)
     if more:
         faults.append(f"{more} kernels compiled by resets")
     say(

@@ -8,8 +8,8 @@ a periodic box no wall takes up momentum, so that the momentum of the air equals
 from math import pi
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.transfer import uploader
@@ -35,7 +35,7 @@ def _hover(n: int, faces: list[dict], place: tuple[float, float], altitude: floa
     """Return the flow of a hovering rotor at `place` and `altitude` [radii], n cells per radius."""
     wind = cfd(faces)
     grid = Grid((WIDTH * n, WIDTH * n, HEIGHT * n), RADIUS / n, periodic=periodic_axes(wind.openings, 3))
-    at, push = ti.Vector.field(2, ti.f32, 1), ti.Vector.field(3, ti.f32, 1)
+    at, push = ti.vector_field(2, ti.f32, 1), ti.vector_field(3, ti.f32, 1)
     heading, height = ti.field(ti.f32, 1), ti.field(ti.f32, 1)
     body = Body(kind="drone", mass=MASS, rotors=1, rotor_radius=RADIUS, arm=0.0, height=0.001, radius=RADIUS)
     uploader(at, height)([np.array(place) * RADIUS], altitude * RADIUS - body.height)

@@ -7,10 +7,10 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.preparation import checked
+from taichi_plume.engine import program, ti
 from taichi_plume.execution.probes_table import ProbeTable
 from taichi_plume.files.run_tables import read
 from taichi_plume.grid import kernels
@@ -46,7 +46,7 @@ def afresh() -> None:
 
     For experiments that assemble many simulations one after the other; earlier simulations are lost.
     """
-    kernels.start("cpu" if kernels.on_cpu() else ti.cfg.arch.name)
+    program.start("cpu" if kernels.on_cpu() else ti.cfg.arch.name)
 
 
 def outcomes(sim: TimeLoop, names: Container[str] | None = None) -> dict[str, dict[str, list[Any]]]:

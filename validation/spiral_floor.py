@@ -11,9 +11,9 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.assembly.assemble import assemble
+from taichi_plume.engine import ti
 from taichi_plume.grid.rng import normal4, stream_id
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scoring.trials import mean_with_interval

@@ -3,6 +3,7 @@
 MAY_IMPORT: tuple[str, ...] = (
     "assembly",
     "contests",
+    "engine",
     "execution",
     "files",
     "fluctuations",

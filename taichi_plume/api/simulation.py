@@ -14,9 +14,9 @@ from taichi_plume.api.simulate import given
 from taichi_plume.assembly import own_code
 from taichi_plume.assembly.assemble import build
 from taichi_plume.assembly.preparation import Source, load
+from taichi_plume.engine import program
+from taichi_plume.engine.process import one_thread
 from taichi_plume.files.own_class import OwnAlgorithmError
-from taichi_plume.grid import kernels
-from taichi_plume.grid.engine import one_thread
 from taichi_plume.grid.sampler import Sampler
 from taichi_plume.grid.state import State
 from taichi_plume.guard.input_error import InputError
@@ -75,7 +75,7 @@ class Simulation:
         self._prepared = load(scenario, given(overrides, seed, duration), allow_outside)
         own_code.execute(self._prepared, allow_code)
         with one_thread():
-            kernels.start(arch)
+            program.start(arch)
             self._loop: TimeLoop | None = build(self._prepared)
         self._advancing = False
         self._looks: list[tuple[float, Callable[[Simulation], object]]] = []

@@ -20,12 +20,12 @@ from taichi_plume.assembly.own_code import execute
 from taichi_plume.assembly.preparation import Prepared, again, checked
 from taichi_plume.assembly.resources import Resources
 from taichi_plume.assembly.solver_table import Context, make_gas, make_wind
+from taichi_plume.engine import program
 from taichi_plume.files.gaden import Cubes
 from taichi_plume.files.network import Network, NetworkError
 from taichi_plume.files.own_class import CLASSES, NO_CLASS
 from taichi_plume.files.trajectories import Way
 from taichi_plume.files.wind_points import WindFileError
-from taichi_plume.grid import kernels
 from taichi_plume.grid.blas import one_blas_thread
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.cut_cells import Air, air_of, sealed
@@ -60,14 +60,14 @@ def assemble(
 ) -> TimeLoop:
     """Check a scenario and return its simulation, at the start of its warm-up.
 
-    Starts Taichi on the CPU unless it runs; `grid.kernels.start` takes another device. folder: folder of the
+    Starts Taichi on the CPU unless it runs; `grid.program.start` takes another device. folder: folder of the
     scenario's files. allow_code: whether the scenario's Python files are executed. allow_outside: whether files may lie
     outside `folder`. driven: whether the caller moves the external robots (see agents/external.py). Raises
     ScenarioError, with a line for each fault.
     """
     prepared = checked(scenario, Path(folder), allow_outside)
     execute(prepared, allow_code)
-    kernels.ensure_started()
+    program.ensure_started()
     return build(prepared, driven=driven)
 
 

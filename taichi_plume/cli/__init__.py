@@ -5,6 +5,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "assembly",
     "contests",
     "draw",
+    "engine",
     "envs",
     "files",
     "grid",

@@ -29,9 +29,9 @@ def _record(args: argparse.Namespace) -> int:
     from taichi_plume.assembly.preparation import load
 
     prepared = load(args.task, args.set, args.allow_outside)
+    from taichi_plume.engine import program
     from taichi_plume.envs import bank
     from taichi_plume.files.disk import require_room
-    from taichi_plume.grid import kernels
 
     out, folder = args.out or Path(f"{prepared.scenario.name}_bank.zarr"), args.task.resolve().parent
     bank.check(prepared.scenario)
@@ -41,7 +41,7 @@ def _record(args: argparse.Namespace) -> int:
         bank.require_bank(out)
     out.parent.mkdir(parents=True, exist_ok=True)
     require_room(out.parent / out.name)
-    kernels.start(args.arch)
+    program.start(args.arch)
     recorded = bank.record(prepared.scenario, folder, True, None if args.quiet else _print_progress)
     recorded.write(out)
     if not args.quiet:

@@ -61,10 +61,10 @@ def _resume(args: argparse.Namespace) -> int:
     """Resume an interrupted run from the checkpoint in its folder; return the exit code."""
     from taichi_plume.assembly.own_code import execute
     from taichi_plume.assembly.preparation import load
+    from taichi_plume.engine import program
     from taichi_plume.execution.checkpoint_reading import require_same, saved
     from taichi_plume.execution.execute import Job, inputs_of, run
     from taichi_plume.files.run_folder import RunFolder
-    from taichi_plume.grid import kernels
     from taichi_plume.record.live import open_viewer
 
     with RunFolder.again(args.resume) as folder:
@@ -73,7 +73,7 @@ def _resume(args: argparse.Namespace) -> int:
         require_same(folder.path, checkpoint["inputs"], inputs_of(prepared)[1:])
         execute(prepared, args.allow_code or args.allow_sha256, ask=True)
         arch, recording = args.arch or checkpoint["arch"], checkpoint["recording"]
-        backend = kernels.start(arch)
+        backend = program.start(arch)
         viewer = open_viewer() if args.live and recording else None
         job = Job(
             prepared, folder, arch, backend, recording, checkpoint, viewer, not args.no_report,

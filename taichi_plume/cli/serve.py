@@ -59,15 +59,15 @@ def _serve(args: argparse.Namespace) -> int:
     for warning in () if args.quiet else prepared.resources.warnings:
         say(f"note: {warning}", error=True)
     from taichi_plume.assembly.own_code import execute
+    from taichi_plume.engine import program
     from taichi_plume.execution.execute import Job, inputs_of, run
     from taichi_plume.files.run_folder import RunFolder
-    from taichi_plume.grid import kernels
     from taichi_plume.serve.service import Pace, Service
 
     execute(prepared, args.allow_code, ask=True)
     scenario = scenario.model_copy(update={"checkpoint": None})  # external robots cannot be restored
     prepared = prepared._replace(scenario=scenario)
-    backend = kernels.start(args.arch)
+    backend = program.start(args.arch)
     pace = Pace(inf if args.speed == "max" else float(args.speed), args.wait, args.at_once)
     with _links(args, scenario.name) as links:
         service = Service(pace, links, args.quiet)

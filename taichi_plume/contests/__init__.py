@@ -2,6 +2,7 @@
 
 MAY_IMPORT: tuple[str, ...] = (
     "assembly",
+    "engine",
     "files",
     "grid",
     "guard",

@@ -95,13 +95,14 @@ def mean_plume(scenario: Fixed, folder: Path) -> np.ndarray:
 
 def _computed(scenario: Fixed) -> np.ndarray:
     from taichi_plume.assembly.assemble import assemble
-    from taichi_plume.grid import fields, kernels
+    from taichi_plume.engine import program
+    from taichi_plume.grid import fields
     from taichi_plume.time_loop import Every
 
     whole = scenario.scenario
     end = min(SHOWN, whole.duration)
     alone = whole.model_copy(update={"robots": (), "duration": end})
-    kernels.ensure_started()
+    program.ensure_started()
     sim = assemble(alone)
     width, length = whole.floor.size
     step = max(width, length) / POINTS

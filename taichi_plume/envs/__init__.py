@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 MAY_IMPORT: tuple[str, ...] = (
     "agents",
     "assembly",
+    "engine",
     "files",
     "grid",
     "guard",

@@ -24,6 +24,7 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.trials import Trials
 from taichi_plume.assembly.assemble import ways
 from taichi_plume.assembly.preparation import prepare
+from taichi_plume.engine.process import one_thread
 from taichi_plume.envs.bank import Bank, record
 from taichi_plume.envs.step_kernel import (
     BEGIN,
@@ -39,7 +40,6 @@ from taichi_plume.envs.step_kernel import (
 from taichi_plume.envs.task import require_task
 from taichi_plume.envs.truth import Truth
 from taichi_plume.grid.clearance import ClearanceMap
-from taichi_plume.grid.engine import one_thread
 from taichi_plume.grid.rng import generator
 from taichi_plume.guard.terminal import visible
 from taichi_plume.scenario.loading import ScenarioError
@@ -159,7 +159,7 @@ class Episodes:
         if arrays == "torch":
             import torch  # pyright: ignore[reportMissingImports]
 
-            from taichi_plume.grid.kernels import on_cpu
+            from taichi_plume.engine.fields import on_cpu
 
             device = "cpu" if on_cpu() else "cuda"
             zeros, real, byte, boolean = (

@@ -7,11 +7,13 @@ from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.trials import FAR
-from taichi_plume.grid.kernels import Template, data_flow_by_llvm, on_cpu
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import on_cpu
+from taichi_plume.engine.kernels import data_flow_by_llvm
+from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.starts import GAP, StartArea
@@ -70,8 +72,8 @@ class StepKernel:
         self.mirror, self.steps = ti.field(ti.i32, of.count), ti.field(ti.i32, of.count)
         self.total = ti.field(ti.f32, of.count)
         # of each robot at the last reward: path length, bumps, false declarations, distance from the nearest source
-        self.counted = ti.Vector.field(4, ti.f32, of.count * of.robots)
-        self.fallback = ti.Vector.field(2, ti.f32, (self.teams, of.robots))
+        self.counted = ti.vector_field(4, ti.f32, of.count * of.robots)
+        self.fallback = ti.vector_field(2, ti.f32, (self.teams, of.robots))
         task = of.scenario.task
         rewards = {f"for_{name}": value for name, value in task.reward.model_dump().items()}
         numbers = {
@@ -100,7 +102,7 @@ class StepKernel:
                 of_gas[f, : sum(counts)] = np.repeat(np.arange(len(film)), counts)
         choices = np.unique(of_gas[of_gas >= 0]) if single and (of_gas >= 0).any() else np.array([-1])
         self.choices = len(choices)
-        self.place = ti.Vector.field(2, ti.f32, (bank.films, most))
+        self.place = ti.vector_field(2, ti.f32, (bank.films, most))
         self.gas, self.choice = ti.field(ti.i32, (bank.films, most)), ti.field(ti.i32, self.choices)
         uploader(self.place, self.gas, self.choice)(places, of_gas, choices)
 

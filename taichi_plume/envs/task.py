@@ -177,11 +177,11 @@ def _runtime() -> object:
 
 def _start(arch: str) -> None:
     """Start Taichi on `arch` unless it runs: a second start would destroy the fields of existing environments."""
-    from taichi_plume.grid import kernels
+    from taichi_plume.engine import program
 
     if _runtime() is None:
         try:
-            kernels.start(arch)
+            program.start(arch)
         except RuntimeError as error:
             raise ValueError(f"arch: {error}") from None
 

@@ -3,6 +3,7 @@
 MAY_IMPORT: tuple[str, ...] = (
     "agents",
     "assembly",
+    "engine",
     "files",
     "grid",
     "guard",

@@ -11,6 +11,7 @@ from typing import NamedTuple, Protocol
 
 from taichi_plume.assembly import own_code
 from taichi_plume.assembly.preparation import Prepared
+from taichi_plume.engine import program
 from taichi_plume.execution import result
 from taichi_plume.execution.outputs import About, Outputs
 from taichi_plume.execution.progress import NotebookBar, TerminalBar, progress_bar
@@ -24,7 +25,6 @@ from taichi_plume.execution.watch_file import WatchFile
 from taichi_plume.files import checkpoint, manifest, run_folder
 from taichi_plume.files.own_class import OwnAlgorithmError, Permission
 from taichi_plume.files.run_folder import RunFolder
-from taichi_plume.grid import kernels
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import say, visible
 from taichi_plume.record.live import open_viewer
@@ -152,7 +152,7 @@ def new_run(
     Python files may be executed, unless `allow_code`. For the others see `Job`.
     """
     own_code.execute(prepared, allow_code, ask)
-    backend = kernels.start(arch)
+    backend = program.start(arch)
     with RunFolder(prepared.scenario.name, out, force, inputs=inputs_of(prepared)) as folder:
         viewer = open_viewer() if live else None
         job = Job(prepared, folder, arch, backend, recording, None, viewer, report, None, progress, watch)

@@ -3,4 +3,4 @@
 `taichi_plume.statistics` returns them as a `result.Statistics`.
 """
 
-MAY_IMPORT: tuple[str, ...] = ("agents", "files", "grid", "guard", "report", "results", "scenario")
+MAY_IMPORT: tuple[str, ...] = ("agents", "engine", "files", "grid", "guard", "report", "results", "scenario")

@@ -123,8 +123,8 @@ def readings(
 
     from taichi_plume.agents.sensors import Sensors as Measuring
     from taichi_plume.agents.swarm import Swarm
+    from taichi_plume.engine import program
     from taichi_plume.fluctuations.still_air import Floor, Records
-    from taichi_plume.grid import kernels
     from taichi_plume.grid.transfer import reader, uploader
     from taichi_plume.scenario.algorithms import Casting
     from taichi_plume.scenario.robots import Group
@@ -132,7 +132,7 @@ def readings(
     from taichi_plume.scenario.starts import StartAt
 
     if impl.get_runtime().prog is None:
-        kernels.start("cpu")
+        program.start("cpu")
     points = ppm.shape[1]
     start = StartAt(kind="positions", positions=((0.0, 0.0),))
     groups = [

@@ -1,7 +1,7 @@
 """Still air for tests of gas sensors: robots stand side by side, each in the gas time series of one point."""
 
-import taichi as ti
-
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.fields import Wind
 from taichi_plume.grid.kernels import Template
 
@@ -25,7 +25,7 @@ class Floor:
 class Records(Wind):
     """Still air with given concentrations `level` [ppm] of one gas species at the points x = 0, 1, 2 ... m."""
 
-    def __init__(self, level: ti.Field, species: object):
+    def __init__(self, level: Field, species: object):
         self.level, self.species = level, species
 
     def begin(self, model: object, t: float, seed: int) -> None:

@@ -5,9 +5,9 @@ from math import ceil, sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
-import taichi as ti
 from scipy import ndimage
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.fields import corner
 from taichi_plume.grid.shapes import Shape, clearance_resolution
 from taichi_plume.grid.transfer import uploader

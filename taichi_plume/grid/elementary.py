@@ -8,8 +8,9 @@ from collections.abc import Callable
 from math import log as log64
 
 import numpy as np
-import taichi as ti
 from numpy.polynomial import Chebyshev, Polynomial
+
+from taichi_plume.engine import ti
 
 LN2 = log64(2.0)
 ROOT_OF_HALF = int(np.float32(np.sqrt(0.5)).view(np.int32))  # its bits

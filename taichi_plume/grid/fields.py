@@ -8,10 +8,11 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Expression, Field, Template
+from taichi_plume.grid.kernels import Expression, Template
 from taichi_plume.grid.transfer import uploader
 
 Faces = tuple[Field, ...]

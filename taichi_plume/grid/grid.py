@@ -6,27 +6,16 @@ d-face of cell I. Fields store axis 0 contiguously, where the domain is usually 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import prod
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
-from taichi_plume.grid.kernels import Field, Template, launch
-from taichi_plume.grid.memory import view
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field, Layout
+from taichi_plume.grid.kernels import launch
 from taichi_plume.grid.sweeps import sweep
-
-
-@ti.kernel
-def _read(field: Template, ghost: Template, values: ti.types.ndarray()):
-    for J in ti.grouped(values):
-        values[J] = field[ti.Vector([J[J.n - 1 - d] + ghost for d in ti.static(range(J.n))])]
-
-
-@ti.kernel
-def _write(field: Template, ghost: Template, values: ti.types.ndarray()):
-    for J in ti.grouped(values):
-        field[ti.Vector([J[J.n - 1 - d] + ghost for d in ti.static(range(J.n))])] = values[J]
 
 
 def centers(cells: Sequence[int], edge: float) -> np.ndarray:
@@ -62,6 +51,15 @@ class Grid:
     def of(domain: Any, periodic: tuple[bool, ...] = ()) -> "Grid":
         """Return the grid of a scenario's domain, which has `shape`, `spacing` and `depth`."""
         return Grid(domain.shape, domain.spacing, domain.depth, periodic=periodic)
+
+    @cached_property
+    def _layouts(self) -> dict[tuple[int, ...], Layout]:
+        """Layouts of the grid's fields by shape."""
+        return {}
+
+    def layout(self, shape: tuple[int, ...]) -> Layout:
+        """Return the layout of the grid's fields of a shape, axis 0 contiguous."""
+        return self._layouts.setdefault(shape, Layout(shape, first_axis_contiguous=True))
 
     @property
     def dim(self) -> int:
@@ -99,11 +97,11 @@ class Grid:
 
     def field(self, shape: tuple[int, ...] = (), dtype: object = ti.f32) -> Field:
         """Return a new scalar field over the padded grid (or `shape`), axis 0 contiguous."""
-        return ti.field(dtype, shape=shape or self.padded, order="kji"[-self.dim :])
+        return Field(dtype, self.layout(shape or self.padded))
 
     def vector_field(self, shape: tuple[int, ...]) -> Field:
         """Return a new field of vectors (dim,) over `shape`, with the memory layout of `field`."""
-        return ti.Vector.field(self.dim, ti.f32, shape, order="kji"[-self.dim :])
+        return Field(ti.f32, self.layout(shape), self.dim)
 
     def faces_field(self) -> tuple[Field, ...]:
         """Return a new scalar field over the faces of each axis, as a tuple."""
@@ -135,20 +133,13 @@ class Grid:
 
         The array has the grid's shape, larger by twice the margin; axis 0 is contiguous.
         """
-        place = view(field)
-        if place is not None:
-            return place[self._window(margin)].copy(order="F")
-        values = np.empty([n + 2 * margin for n in reversed(self.shape)], np.float32)
-        _read(field, self.ghost - margin, values)
-        return values.T
+        return field.values[self._window(margin)].copy(order="F")
 
     def write(self, field: Field, values: np.ndarray, margin: int = 0) -> None:
         """Set the inner values of a padded field and `margin` ghost layers; other ghost layers stay unchanged."""
-        place = view(field)
-        if place is not None:
-            place[self._window(margin)] = values
-            return
-        _write(field, self.ghost - margin, np.ascontiguousarray(values.T, np.float32))
+        padded = field.values
+        padded[self._window(margin)] = values
+        field.from_numpy(padded)
 
     def _window(self, margin: int) -> tuple[slice, ...]:
         """Return the index of a padded array's inner values with `margin` ghost layers."""

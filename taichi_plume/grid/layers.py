@@ -4,8 +4,8 @@ from math import ceil, sqrt
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.clearance import ClearanceMap, HorizontalDistances
 from taichi_plume.grid.shapes import Shape, Upright, clearance_resolution
 from taichi_plume.grid.transfer import uploader

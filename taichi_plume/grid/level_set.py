@@ -7,13 +7,14 @@ has a positive distance.
 from itertools import product
 
 import numpy as np
-import taichi as ti
 from scipy.ndimage import distance_transform_edt, map_coordinates
 
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import corner, corner_weight
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Field, Template
+from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
 
 FINER = 2  # nodes per cell and axis

@@ -7,8 +7,8 @@ doi:10.1145/2063384.2063405), keyed by (seed, stream) and counted by (index, tic
 import zlib
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import cos_sin, log
 
 

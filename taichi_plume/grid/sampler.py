@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-import taichi as ti
 
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.fields import Mixture, Wind, sample_cells
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Field
 from taichi_plume.grid.transfer import uploader
 
 

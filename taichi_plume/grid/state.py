@@ -15,11 +15,10 @@ from copy import deepcopy
 from typing import Any, NamedTuple
 
 import numpy as np
-import taichi as ti
 
-from taichi_plume.grid.kernels import Field
-from taichi_plume.grid.memory import views
-from taichi_plume.grid.transfer import alike, reader, uploader
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
+from taichi_plume.grid.transfer import reader, uploader
 
 
 def saves_itself(value: object) -> bool:
@@ -85,13 +84,13 @@ class State:
                 fields.setdefault(id(piece.value), (piece.path, piece.value))
         self.paths = [path for path, _ in fields.values()]
         self._fields = [field for _, field in fields.values()]
-        self._clear = _clearer(self._fields)
         self._read: Callable[[], list[np.ndarray]] | None = None
         self._put: Callable[..., None] | None = None
 
     def clear(self) -> None:
         """Set every field of the state to zero, the value of new fields."""
-        self._clear()
+        for field in self._fields:
+            field.fill(0)
 
     def save(self) -> dict[str, Any]:
         """Return a copy of the state on the host, as a dict from the path of each piece to its value."""
@@ -136,24 +135,3 @@ class State:
 
     def _on_host(self) -> list[_Piece]:
         return [piece for piece in self._walk() if not isinstance(piece.value, ti.Field)]
-
-
-def _clearer(fields: list[Field]) -> Callable[[], None]:
-    """Return a function that zeroes the fields, in memory or by a kernel with a loop for the fields of each shape."""
-    if views(fields) is not None:
-
-        def zero() -> None:
-            for place in views(fields) or ():  # requested again: the views are gone after a reset of Taichi
-                place[...] = 0
-
-        return zero
-
-    @ti.kernel
-    def clear(all: ti.i32):
-        for same in ti.static(alike(fields)):
-            for I in ti.grouped(fields[same[0]]):
-                for f in ti.static(same):
-                    fields[f][I] = ti.select(all == 0, fields[f][I], ti.zero(fields[f][I]))
-
-    clear(0)
-    return lambda: clear(1)

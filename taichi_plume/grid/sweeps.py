@@ -3,9 +3,9 @@
 from collections.abc import Callable, Sequence
 from math import prod
 
-import taichi as ti
-
-from taichi_plume.grid.kernels import FEW_CELLS, FEW_ROWS, STRIP, Field, Pass, Template, on_cpu
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field, on_cpu
+from taichi_plume.grid.kernels import FEW_CELLS, FEW_ROWS, STRIP, Pass, Template
 
 Ranges = Sequence[tuple[int, int]]
 """First index and end per axis of a sweep."""
@@ -42,41 +42,38 @@ def sweep(bodies: Sequence[Callable], outs: Sequence[Field | tuple[Field, ...]],
     """
     own, whole = _merged(bodies, ranges)
     dim = len(whole)
-    begin, end = whole[0]  # axis 0 is contiguous in memory
+    axis = int(
+        on_cpu() and dim > 1 and whole[0][1] - whole[0][0] == 2
+    )  # else 0, which is contiguous in memory
+    begin, end = whole[axis]
     strips, width = _strips(end - begin)
-    rows = tuple(reversed(whole[1:]))  # last axis slowest
+    others = tuple(d for d in reversed(range(dim)) if d != axis)  # last axis slowest
+    rows = tuple(whole[d] for d in others)
     flat = prod(b - a for a, b in rows) < FEW_ROWS
     pairs = tuple(range(len(bodies)))
     bodies = tuple(bodies)
     outs = tuple(out if isinstance(out, tuple) else (out,) for out in outs)
 
     @ti.func
-    def index(row: Template, i):
-        I = ti.Vector.zero(ti.i32, dim)
-        I[0] = i
-        for d in ti.static(range(1, dim)):
-            I[d] = row[dim - 1 - d]
-        return I
-
-    @ti.func
     def strip(row: Template, k, a, b):
         first = begin + k * width
+        here = ti.row(row, (outs[0][0],), dim, axis)
         for q in ti.static(pairs):
-            count = ti.min(width, ti.static(own[q][0][1]) - first)
-            for d in ti.static(range(1, dim)):
+            count = ti.min(width, own[q][axis][1] - first)
+            for n, d in ti.static(enumerate(others)):
                 if ti.static(own[q][d] != whole[d]):
-                    count = ti.select(row[dim - 1 - d] < ti.static(own[q][d][1]), count, 0)
+                    count = ti.select(row[n] < own[q][d][1], count, 0)
             values = ti.Vector([0.0] * STRIP * ti.static(len(outs[q])))
             for n in range(count):
                 if ti.static(len(outs[q]) == 1):
-                    values[n] = bodies[q](index(row, first + n), a, b)
+                    values[n] = bodies[q](ti.along(here, first + n, axis), a, b)
                 else:
-                    several = bodies[q](index(row, first + n), a, b)
+                    several = bodies[q](ti.along(here, first + n, axis), a, b)
                     for m in ti.static(range(len(outs[q]))):
                         values[n + STRIP * m] = several[m]
             for m in ti.static(range(len(outs[q]))):
                 for n in range(count):
-                    outs[q][m][index(row, first + n)] = values[n + STRIP * m]
+                    outs[q][m][ti.along(here, first + n, axis)] = values[n + STRIP * m]
 
     @ti.func
     def by_strip(a, b):
@@ -92,7 +89,7 @@ def sweep(bodies: Sequence[Callable], outs: Sequence[Field | tuple[Field, ...]],
     @ti.func
     def by_cell(a, b):
         for J in ti.grouped(ti.ndrange(*rows, (begin, end))):
-            I = index(J, J[dim - 1])
+            I = ti.along(ti.row(J, (outs[0][0],)), J[dim - 1])
             for q in ti.static(pairs):
                 inside = True
                 for d in ti.static(range(dim)):
@@ -146,14 +143,6 @@ def flux_sweep(
     )
 
     @ti.func
-    def index(layer, row, i):
-        I = ti.Vector.zero(ti.i32, dim)
-        I[0], I[1] = i, row
-        if ti.static(dim == 3):
-            I[2] = layer
-        return I
-
-    @ti.func
     def column(q: Template, block, k, a, b):
         first, start = begin + k * width, low + block * BLOCK
         count = ti.min(width, ti.static(own[q][0][1]) - first)
@@ -161,16 +150,19 @@ def flux_sweep(
             below = ti.Vector([0.0] * STRIP)
             for row in range(start - 1, ti.min(start + BLOCK, ti.static(own[q][1][1]))):
                 net = ti.Vector([0.0] * STRIP)
+                here = ti.row((layer, row), (outs[q],))
                 if layer >= bottom:
                     for n in range(count):
-                        above = fluxes[q][1](index(layer, row + 1, first + n))
+                        above = fluxes[q][1](ti.along(here, first + n) + ti.Vector.unit(dim, 1, ti.i32))
                         net[n] = below[n] - above
                         below[n] = above
                 if row >= start:
                     if ti.static(dim == 3):
                         upper = ti.Vector([0.0] * STRIP)
                         for n in range(count):
-                            upper[n] = fluxes[q][2](index(layer + 1, row, first + n))
+                            upper[n] = fluxes[q][2](
+                                ti.along(here, first + n) + ti.Vector.unit(dim, 2, ti.i32)
+                            )
                         for n in range(count):
                             net[n] += upward[q][row, first + n] - upper[n]
                         for n in range(count):
@@ -178,13 +170,13 @@ def flux_sweep(
                     if layer >= bottom:
                         along = ti.Vector([0.0] * (STRIP + 1))
                         for n in range(count):
-                            along[n] = fluxes[q][0](index(layer, row, first + n))
-                        along[count] = lasts[q](index(layer, row, first + count))
+                            along[n] = fluxes[q][0](ti.along(here, first + n))
+                        along[count] = lasts[q](ti.along(here, first + count))
                         for n in range(count):
                             total = net[n] + (along[n] - along[n + 1])
-                            net[n] = bodies[q](index(layer, row, first + n), total, a, b)
+                            net[n] = bodies[q](ti.along(here, first + n), total, a, b)
                         for n in range(count):
-                            outs[q][index(layer, row, first + n)] = net[n]
+                            outs[q][ti.along(here, first + n)] = net[n]
 
     @ti.func
     def in_order(a, b):
@@ -203,7 +195,7 @@ def flux_sweep(
     @ti.func
     def by_cell(a, b):
         for J in ti.grouped(ti.ndrange(*reversed(whole))):
-            I = ti.Vector([J[dim - 1 - d] for d in ti.static(range(dim))])
+            I = ti.along(ti.row(J, (outs[0],)), J[dim - 1])
             for q in ti.static(pairs):
                 inside = True
                 for d in ti.static(range(dim)):

@@ -1,9 +1,9 @@
 """Tables of a solver: constant fields that are filled once."""
 
 import numpy as np
-import taichi as ti
 
-from taichi_plume.grid.kernels import Field
+from taichi_plume.engine import ti
+from taichi_plume.engine.fields import Field
 from taichi_plume.grid.transfer import uploader
 
 
@@ -26,7 +26,7 @@ class Tables:
         """
         dtype = ti.i32 if np.issubdtype(values.dtype, np.integer) else ti.f32
         n = max(1, len(values))
-        field = ti.field(dtype, n) if values.ndim == 1 else ti.Vector.field(values.shape[1], dtype, n)
+        field = ti.field(dtype, n) if values.ndim == 1 else ti.vector_field(values.shape[1], dtype, n)
         return self.put(field, values if len(values) else np.zeros((1, *values.shape[1:])))
 
     def upload(self) -> None:

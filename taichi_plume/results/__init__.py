@@ -2,6 +2,7 @@
 
 MAY_IMPORT: tuple[str, ...] = (
     "agents",
+    "engine",
     "files",
     "grid",
     "guard",

@@ -191,7 +191,7 @@ def map_of(
 
     Raises ReadingsError.
     """
-    from taichi_plume.grid import kernels
+    from taichi_plume.engine import program
     from taichi_plume.scoring.trials import PERIOD, forecast_error, peak_distance
     from taichi_plume.time_loop import Uncertain
 
@@ -206,7 +206,7 @@ def map_of(
     if "window" not in chosen:
         begin = window * np.floor((begin + 0.5 * 10.0**-FINEST) / window)
     t = np.round(readings.t - begin, FINEST)
-    kernels.ensure_started()
+    program.ensure_started()
     gas_map, dt, nlpd = _made(readings, t, model, size)
     errors = [(time, error) for time, error in gas_map.errors if time <= t[-1] + 10.0**-FINEST]
     estimate, weight = np.asarray(gas_map.estimate()), np.asarray(gas_map.weight())

@@ -11,12 +11,11 @@ from collections.abc import Hashable
 from typing import NamedTuple
 
 import psutil
-import taichi as ti
 from taichi.lang import impl
 
 from taichi_plume.assembly.assemble import build
 from taichi_plume.assembly.preparation import Prepared, StructureError
-from taichi_plume.grid import kernels
+from taichi_plume.engine import program, ti
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.solvers.playback import TickFilm
 from taichi_plume.time_loop import TimeLoop
@@ -54,7 +53,7 @@ class Warm:
     @property
     def compiled(self) -> int:
         """Number of Taichi kernels that this process has compiled so far."""
-        return self._compiled + (kernels.compiled() if self._alive() else 0)
+        return self._compiled + (program.compiled() if self._alive() else 0)
 
     def find(self, key: Hashable) -> CachedSimulation | None:
         """Return the cached simulation of a key, to be reset by the caller; None if there is none."""
@@ -102,11 +101,11 @@ class Warm:
             allowed = SHARE * psutil.virtual_memory().total / (os.cpu_count() or 1)
             if _trees() + 1.5 * self._largest < PLACES and grown < allowed:
                 return
-            self._compiled += kernels.compiled()
+            self._compiled += program.compiled()
         self._cached.clear()
         gc.collect()
         ti.reset()
-        self.backend = kernels.start("cpu", threads=1)
+        self.backend = program.start("cpu", threads=1)
         self._program = impl.get_runtime().prog
         self.begun += 1
         self._memory = psutil.Process().memory_info().rss

@@ -5,13 +5,13 @@ one `Run` begin again.
 """
 
 import numpy as np
-import taichi as ti
 from robots import group
 
 from taichi_plume.agents.placement import place
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import teams
+from taichi_plume.engine import ti
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import reader, uploader

@@ -2,10 +2,10 @@
 
 from types import SimpleNamespace
 
-import taichi as ti
 from arena import Run
 from robots import AWAY, Arena
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.species import SPECIES
 

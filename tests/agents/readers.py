@@ -1,10 +1,10 @@
 """What tests of gas maps share: robots that jump about and read numbers at random, and a log of it."""
 
 import numpy as np
-import taichi as ti
 from begun import Kept
 
 from taichi_plume.agents.gas_map import Floor
+from taichi_plume.engine import ti
 from taichi_plume.grid.transfer import uploader
 
 EXTENT = (2.0, 1.5)
@@ -18,9 +18,9 @@ class Readers:
     def __init__(self, trials, count):
         self.trials, self.count = trials, count
         n = trials * count
-        self.believed_position = ti.Vector.field(2, ti.f32, n)
+        self.believed_position = ti.vector_field(2, ti.f32, n)
         self.reading = ti.field(ti.f32, n)
-        self.wind = ti.Vector.field(2, ti.f32, n)
+        self.wind = ti.vector_field(2, ti.f32, n)
         self.wind_known = ti.field(ti.i32, n)
         self.members = ti.field(ti.i32, (trials, count + 1))
         self.team_size = ti.field(ti.i32, trials)

@@ -1,10 +1,10 @@
 """Robots that tests of motion and sensing share: groups, a floor, a gas and a driver; all in closed form."""
 
 import numpy as np
-import taichi as ti
 
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.engine import ti
 from taichi_plume.grid.fields import Wind
 from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import uploader
@@ -120,7 +120,7 @@ class Air(Wind):
     def __init__(self, dim=2):
         self.dim = dim
         self.level, self.slope = ti.field(ti.f32, ()), ti.field(ti.f32, ())
-        self.u = ti.Vector.field(dim, ti.f32, ())
+        self.u = ti.vector_field(dim, ti.f32, ())
 
     def begin(self, model, t, seed):
         pass

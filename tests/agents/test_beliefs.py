@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-import taichi as ti
 from arena import Run, Script
 
 from taichi_plume.agents.beliefs import Believer
+from taichi_plume.engine import ti
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.belief_algorithms import Infotaxis
 

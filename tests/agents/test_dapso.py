@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-import taichi as ti
 from arena import LONGEST, TICK, Run, Script
 
 from taichi_plume.agents.dapso import DRIVE, EXPLORE, MEASURE, constriction
+from taichi_plume.engine import ti
 from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario.robots import Communication
 from taichi_plume.scenario.team_algorithms import Dapso, FunctionValue, RandomMates, SearchSpace
@@ -214,7 +214,7 @@ def test_neighbourhoods(rivals):
 
     @ti.kernel
     def ask():
-        for n, m in result:
+        for n, m in ti.ndrange(*result.shape):
             result[n, m] = algorithm._is_neighbour(n, m, 1, 2.0)
 
     ask()
@@ -232,7 +232,7 @@ def test_random_mates_are_heard_with_their_probability(rivals):
 
     @ti.kernel
     def ask():
-        for tick, m in result:
+        for tick, m in ti.ndrange(*result.shape):
             result[tick, m] = algorithm._is_neighbour(robot, m, tick, 2.0)
 
     ask()

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-import taichi as ti
 from arena import Run, Script
 from scipy.sparse import csgraph, lil_matrix
 
 from taichi_plume.agents.shortest_paths import FAR, Ways
+from taichi_plume.engine import ti
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import uniform4

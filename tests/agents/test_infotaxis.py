@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-import taichi as ti
 from arena import Run, Script
 from scipy.special import k0
 
 from taichi_plume.agents.infotaxis import detection_rate
+from taichi_plume.engine import ti
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import uniform4
 from taichi_plume.scenario.belief_algorithms import Infotaxis, SpaceAwareInfotaxis

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-import taichi as ti
 from robots import EXTENT, group
 
 from taichi_plume.agents.commands import Commands
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.observation import Observation
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.engine import ti
 from taichi_plume.grid.clearance import ClearanceMap
 
 pytestmark = pytest.mark.usefixtures("taichi")

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import taichi as ti
 from arena import Run, Script
 from robots import NOWHERE, Driver
 from robots import group as robots
@@ -18,9 +17,10 @@ from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.radio import Radio
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.engine import ti
+from taichi_plume.engine.program import compiled
 from taichi_plume.files.ros_odometry import DeadReckoning
 from taichi_plume.grid.clearance import ClearanceMap
-from taichi_plume.grid.kernels import compiled
 from taichi_plume.scenario.algorithms import SurgeCast
 from taichi_plume.scenario.robots import Communication, Odometry
 from taichi_plume.scenario.search_algorithm import Spiral
@@ -385,7 +385,7 @@ def test_a_trial_alone():
 
 PROGRAM = """
 import hashlib, sys
-import taichi as ti
+from taichi_plume.engine import ti
 sys.path.insert(0, {folder!r})
 ti.init(ti.cpu, cpu_max_num_threads=int(sys.argv[1]), log_level=ti.ERROR)
 from test_odometry import Driver, Odometry, drive, group, swarm_of

@@ -8,8 +8,8 @@ from robots import room, team
 
 from taichi_plume.api.own import Own
 from taichi_plume.assembly.assemble import assemble
+from taichi_plume.engine import program
 from taichi_plume.files.own_class import OwnAlgorithmError
-from taichi_plume.grid import kernels
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.scenario import Scenario
 
@@ -54,7 +54,7 @@ def made(own: type, **keys: Any) -> Any:
 @pytest.fixture(scope="module")
 def near():
     """Their simulation where messages reach 1 m."""
-    kernels.start("cpu")
+    program.start("cpu")
     return made(Talkers, communication={"range": 1.0})
 
 
@@ -147,7 +147,7 @@ WRONG = [
 @pytest.fixture(scope="module")
 def wrong():
     """A simulation whose algorithm does what `what` says."""
-    kernels.start("cpu")
+    program.start("cpu")
 
     class Wrong:
         MESSAGE = 2

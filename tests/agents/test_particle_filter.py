@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-import taichi as ti
 from arena import TICK, Run, Script
 from hunt import SOURCE, Hunt
 
 from taichi_plume.agents.casting import IN_PLUME, SIDESTEP
 from taichi_plume.agents.particle_filter import GO
+from taichi_plume.engine import ti
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.belief_algorithms import ParticleFilter

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-import taichi as ti
 from robots import NOWHERE, group
 
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Parameters
 from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.engine import ti
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.shapes import UprightBox
 from taichi_plume.grid.transfer import reader, uploader
@@ -49,7 +49,7 @@ class Couriers:
         parameters = Parameters(members, lambda group: Potential.numbers(self.swarm, group, None, AVOIDANCE))
         parameters.begin()
         self.potential = Potential(members, parameters)
-        self.goals = ti.Vector.field(2, ti.f32, members.size)
+        self.goals = ti.vector_field(2, ti.f32, members.size)
         goals = np.concatenate(
             [np.tile(np.asarray(goals, float), (trials, 1)) for _, goals, _, trials in teams]
         )
@@ -58,12 +58,12 @@ class Couriers:
 
     @ti.kernel
     def act(self):
-        for n in self.goals:
+        for n in range(self.goals.shape[0]):
             self.potential.drive(n, self.goals[n], TICK)
 
     @ti.kernel
     def clear(self):
-        for n in self.goals:
+        for n in range(self.goals.shape[0]):
             self.goals[n] = self.potential.clear(n, self.goals[n])
 
     def go(self, seconds):

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-import taichi as ti
 from robots import NOWHERE, group
 
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Parameters
 from taichi_plume.agents.radio import NEVER, Radio
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.engine import ti
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import uploader

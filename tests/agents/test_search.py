@@ -7,7 +7,7 @@ import pytest
 from arena import Run, Script
 
 from taichi_plume.agents.algorithm_table import ALGORITHMS
-from taichi_plume.grid.kernels import compiled
+from taichi_plume.engine.program import compiled
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-import taichi as ti
 from robots import NOWHERE, Air, Floor, group
 
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.grid.kernels import compiled
+from taichi_plume.engine import ti
+from taichi_plume.engine.program import compiled
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.metal_oxides import MOX_MODELS
 from taichi_plume.scenario.sensors import Anemometer, GasSensor, IdealGasSensor, MoxSensor, PidSensor

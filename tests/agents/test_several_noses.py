@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-import taichi as ti
 from robots import NOWHERE, Air, Floor, group, room, team
 
 from taichi_plume import open_run
@@ -14,6 +13,7 @@ from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.assembly.preparation import load
 from taichi_plume.cli import run
+from taichi_plume.engine import ti
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
 

@@ -7,7 +7,7 @@ from robots import AWAY, EXTENT, NOWHERE, Arena, Driver, group
 from taichi_plume.agents.columns import COLUMNS, Rows
 from taichi_plume.agents.placement import place, placed
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.grid.kernels import compiled
+from taichi_plume.engine.program import compiled
 from taichi_plume.scenario.obstacles import Cylinder
 from taichi_plume.scenario.robots import Body
 

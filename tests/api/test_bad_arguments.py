@@ -10,7 +10,7 @@ import pytest
 from test_changes import DATA
 
 import taichi_plume as tp
-from taichi_plume.grid.engine import ThreadError
+from taichi_plume.engine.process import ThreadError
 
 HUGE = 10**5000
 SEVEN: Any = np.int64(7)  # numpy's numbers pass, although the signatures name Python's types

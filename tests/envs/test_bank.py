@@ -15,10 +15,10 @@ from test_film_bank import Asking
 from taichi_plume.assembly.assemble import build
 from taichi_plume.assembly.preparation import checked
 from taichi_plume.cli.envs import main
+from taichi_plume.engine import program
 from taichi_plume.envs import bank as banks
 from taichi_plume.envs.bank import Bank, bank_of, key_of, read, record
 from taichi_plume.execution.film_output import Filming
-from taichi_plume.grid import kernels
 from taichi_plume.grid.fields import ppm_at, velocity_at
 from taichi_plume.grid.grid import centers
 from taichi_plume.grid.transfer import uploader
@@ -50,7 +50,7 @@ ROOM = {
 @pytest.fixture(scope="module")
 def closed():
     """Two airs of closed forms: the bank, and what it says at random places in the second one, over time."""
-    kernels.start("cpu")
+    program.start("cpu")
     scenario = scenario_from(TASK)
     bank = record(scenario)
     films = FilmBank(bank, POINTS)
@@ -174,7 +174,7 @@ def test_an_air_without_chance_is_recorded_once():
 @pytest.fixture(scope="module")
 def room(tmp_path_factory):
     """A computed air with a wall, as a scenario, its bank, and in a folder a film of the run itself."""
-    kernels.start("cpu")
+    program.start("cpu")
     folder = tmp_path_factory.mktemp("room")
     scenario = scenario_from(ROOM)
     bank = record(scenario, folder)

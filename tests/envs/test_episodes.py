@@ -5,12 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-import taichi as ti
 
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.engine import program, ti
 from taichi_plume.envs.episodes import MODES, Episodes
-from taichi_plume.grid import kernels
 from taichi_plume.grid.fields import Wind
 from taichi_plume.scenario.loading import scenario_from
 from taichi_plume.scenario.sensors import MoxSensor
@@ -97,7 +96,7 @@ def recorded() -> Any:
 @pytest.fixture(scope="module")
 def engines(taichi):
     """One of a single environment, and one of many."""
-    kernels.start("cpu")
+    program.start("cpu")
     scenario = scenario_from(TASK)
     return [Episodes(scenario, count=count, robots=TEAM, bank=recorded()) for count in (1, MANY)]
 
@@ -326,11 +325,11 @@ def test_resets_compile_nothing(engines):
     for engine in engines:
         engine.reset(seeds(engine.count))
         engine.step(np.zeros((engine.count * TEAM, 3), np.float32))
-        before = kernels.compiled()
+        before = program.compiled()
         engine.reset(seeds(engine.count, 5))
         engine.reset(mask=np.arange(engine.count) == 0)
         engine.step(np.zeros((engine.count * TEAM, 3), np.float32))
-        assert kernels.compiled() == before
+        assert program.compiled() == before
     _, many = engines
     many.reset(seeds(MANY))
     shown = many.observations.copy()

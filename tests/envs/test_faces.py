@@ -16,11 +16,11 @@ from pettingzoo.test import parallel_api_test
 from small_task import TASK, task
 
 import taichi_plume.envs
+from taichi_plume.engine import program
 from taichi_plume.envs import ID, parallel_env, picture
 from taichi_plume.envs.step_kernel import INFO
 from taichi_plume.envs.task import Options, open_task
 from taichi_plume.envs.truth import KEYS
-from taichi_plume.grid import kernels
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -38,7 +38,7 @@ def act(observations: np.ndarray, size: int = 2) -> np.ndarray:
 @pytest.fixture(scope="module")
 def made():
     """Environments that tests share: a single one, and a vector, closed before one of another mode is made."""
-    kernels.start("cpu")
+    program.start("cpu")
     single = gymnasium.make(ID, scenario=TASK, render_mode="rgb_array", disable_env_checker=True)
     vectors: list[Any] = []
 
@@ -437,7 +437,7 @@ def test_a_closed_engine_serves_the_next_of_its_task(made):
     first = gymnasium.make(ID, scenario=TASK).unwrapped
     actions = np.random.default_rng(3).uniform(-1, 1, (5, 2)).astype(np.float32)
     expected = [first.reset(seed=4)[0], *(first.step(action)[0] for action in actions)]
-    engine, before = first.episodes, kernels.compiled()
+    engine, before = first.episodes, program.compiled()
     shown = engine.observations
     kept = shown.copy()
     first.close()
@@ -448,6 +448,6 @@ def test_a_closed_engine_serves_the_next_of_its_task(made):
     again = [second.reset(seed=4)[0], *(second.step(action)[0] for action in actions)]
     assert np.array_equal(expected, again)
     assert np.array_equal(shown, kept)
-    assert kernels.compiled() == before
+    assert program.compiled() == before
     assert made("single").unwrapped.episodes is not engine
     second.close()

@@ -63,10 +63,10 @@ class Runner:
     def _built(prepared: Any) -> Any:
         from taichi_plume.assembly.assemble import build
         from taichi_plume.assembly.own_code import execute
-        from taichi_plume.grid import kernels
+        from taichi_plume.engine import program
 
         execute(prepared, allow=True)
-        kernels.start("cpu")
+        program.start("cpu")
         return build(prepared)
 
     @staticmethod

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import taichi as ti
 from bodies import FLOOR, ROOM, SHAPES, random_points
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.obstacles import Box, Cylinder
@@ -18,13 +18,13 @@ pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 @ti.kernel
 def clearance_of(clearance: Template, points: Template, distance: Template, normal: Template):
-    for n in points:
+    for n in range(points.shape[0]):
         distance[n] = clearance.distance(points[n])
         normal[n] = clearance.normal(points[n])
 
 
 def sample(clearance, at):
-    points, normal = ti.Vector.field(2, ti.f32, len(at)), ti.Vector.field(2, ti.f32, len(at))
+    points, normal = ti.vector_field(2, ti.f32, len(at)), ti.vector_field(2, ti.f32, len(at))
     distance = ti.field(ti.f32, len(at))
     points.from_numpy(at.astype(np.float32))
     clearance_of(clearance, points, distance, normal)

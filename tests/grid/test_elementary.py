@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-import taichi as ti
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import cos_sin, direction, exp, log
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -15,15 +15,15 @@ def test_elementary_functions_are_those_of_numpy():
     points = rng.uniform(-12.0, 12.0, (N, 2)).astype(np.float32)
     points[:5] = [[0.0, 0.0], [0.0, 1.0], [0.0, -1.0], [1.0, 0.0], [-1.0, 0.0]]
     ratios = np.exp(rng.uniform(-80.0, 80.0, N)).astype(np.float32)
-    x = ti.Vector.field(2, ti.f32, N)
+    x = ti.vector_field(2, ti.f32, N)
     ratio = ti.field(ti.f32, N)
-    out = ti.Vector.field(5, ti.f32, N)
+    out = ti.vector_field(5, ti.f32, N)
     x.from_numpy(points)
     ratio.from_numpy(ratios)
 
     @ti.kernel
     def work():
-        for n in x:
+        for n in range(N):
             e = cos_sin(x[n][0])
             out[n] = ti.Vector([e[0], e[1], direction(x[n][1], x[n][0]), exp(x[n][0]), log(ratio[n])])
 

@@ -2,8 +2,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-import taichi as ti
 
+from taichi_plume.engine import ti
+from taichi_plume.engine.program import compiled
 from taichi_plume.grid.fields import (
     Carrier,
     Gas,
@@ -15,7 +16,6 @@ from taichi_plume.grid.fields import (
     velocity_at,
 )
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.species import Species
 from taichi_plume.solvers.prescribed_wind import PrescribedWind

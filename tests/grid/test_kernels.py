@@ -7,8 +7,8 @@ import time
 from pathlib import Path
 
 import pytest
-import taichi as ti
 
+from taichi_plume.engine import program, ti
 from taichi_plume.grid import kernels
 from taichi_plume.grid.kernels import Pass, launch
 
@@ -53,7 +53,7 @@ def test_visit_calls_the_body_once_at_every_index(cpu, monkeypatch):
 
 def test_a_device_that_there_is_not_is_reported_before_anything_starts():
     with pytest.raises(RuntimeError, match="got 'abacus', allowed are auto, cpu, cuda, vulkan, metal"):
-        kernels.start("abacus")
+        program.start("abacus")
 
 
 CACHE = ("TI_OFFLINE_CACHE", "TI_OFFLINE_CACHE_FILE_PATH", "XDG_CACHE_HOME")
@@ -70,13 +70,13 @@ def no_cache_variables(monkeypatch):
 @pytest.mark.skipif(sys.platform != "linux", reason="other platforms have other folders")
 def test_kernels_have_a_folder_of_their_own_in_the_users_cache(no_cache_variables, tmp_path):
     no_cache_variables.setenv("HOME", str(tmp_path))
-    assert kernels.cache_folder() == tmp_path / ".cache" / "taichi_plume" / "kernels"
+    assert program.cache_folder() == tmp_path / ".cache" / "taichi_plume" / "kernels"
     no_cache_variables.setenv("XDG_CACHE_HOME", "not/absolute")
-    assert kernels.cache_folder() == tmp_path / ".cache" / "taichi_plume" / "kernels"
+    assert program.cache_folder() == tmp_path / ".cache" / "taichi_plume" / "kernels"
     no_cache_variables.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    assert kernels.cache_folder() == tmp_path / "cache" / "taichi_plume" / "kernels"
+    assert program.cache_folder() == tmp_path / "cache" / "taichi_plume" / "kernels"
     no_cache_variables.setenv("TI_OFFLINE_CACHE_FILE_PATH", str(tmp_path / "mine"))
-    assert kernels.cache_folder() == tmp_path / "mine"
+    assert program.cache_folder() == tmp_path / "mine"
 
 
 def test_a_cache_folder_that_cannot_be_written_is_noted_once_and_not_used(
@@ -84,11 +84,11 @@ def test_a_cache_folder_that_cannot_be_written_is_noted_once_and_not_used(
 ):
     (tmp_path / "file").write_text("")
     no_cache_variables.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    kernels._cache()
+    program._cache()
     note = capsys.readouterr().err
     assert note.count("\n") == 1
     assert str(tmp_path / "file") in note
-    kernels._cache()
+    program._cache()
     assert capsys.readouterr().err == ""
     assert os.environ["TI_OFFLINE_CACHE"] == "0"
     assert Path(os.environ["TI_OFFLINE_CACHE_FILE_PATH"]).is_dir(), "Taichi crashes where it has to make it"
@@ -102,15 +102,16 @@ def test_a_lock_that_a_killed_process_left_goes(no_cache_variables, tmp_path):
         lock.touch()
         then = time.time() - age
         os.utime(lock, (then, then))
-        kernels._cache()
+        program._cache()
         assert lock.exists() == stays
 
 
 KERNEL = """
 import taichi_plume
+from taichi_plume.engine import program
 from taichi_plume.grid import kernels
-kernels.start()
-import taichi as ti
+program.start()
+from taichi_plume.engine import ti
 field = ti.field(ti.i32, 2)
 field.fill(3)
 print(field[1])

@@ -12,8 +12,8 @@ import pytest
 import rerun as rr
 from recordings import column, entities, record, recorded, verified
 
+from taichi_plume.engine import program
 from taichi_plume.files import disk
-from taichi_plume.grid import kernels
 from taichi_plume.time_loop import Every, TimeLoop
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -34,7 +34,7 @@ def fake(path: Path, dim: int = 2, **changes: Any) -> Path:
 @pytest.fixture(scope="module")
 def arena(tmp_path_factory) -> SimpleNamespace:
     """A run with one of everything in 2-D: its recording's path, the recorder, the simulation, and all snapshots."""
-    kernels.start("cpu")
+    program.start("cpu")
     path = tmp_path_factory.mktemp("arena") / "a.rrd"
     sim = fake_run.simulation(fake_run.scenario(2, duration=9, warm_up=1))
     recorder = record(sim, path)
@@ -249,10 +249,10 @@ sys.path.insert(0, {tests!r})
 import fake_run
 from pathlib import Path
 from taichi_plume.files import disk
-from taichi_plume.grid import kernels
+from taichi_plume.engine import program
 from taichi_plume.record import stream
 from taichi_plume.record.recorder import Recorder
-kernels.start("cpu")
+program.start("cpu")
 stream.FLUSH_TIMEOUT = 1.0
 disk.require_room = lambda *_: None  # as if another process took the room in between
 sim = fake_run.simulation(fake_run.scenario(2, duration=20))

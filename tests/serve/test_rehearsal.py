@@ -5,9 +5,9 @@ from math import inf
 import pytest
 
 from taichi_plume.assembly.preparation import load
+from taichi_plume.engine.program import compiled
 from taichi_plume.execution.execute import Job, inputs_of, run
 from taichi_plume.files.run_folder import RunFolder
-from taichi_plume.grid.kernels import compiled
 from taichi_plume.serve.service import Pace, Service
 
 pytest.importorskip("rosbags")

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import taichi as ti
 from rooms import LAMINAR, afresh, cfd, flow_in, march
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Box, Cylinder, Sphere
@@ -176,7 +176,7 @@ class Parting(Bodies):
 
 def parting(grid: Grid, open: tuple) -> Parting:
     """Two robots side by side that move apart."""
-    place, velocity = (ti.Vector.field(2, ti.f32, 2) for _ in range(2))
+    place, velocity = (ti.vector_field(2, ti.f32, 2) for _ in range(2))
     place.from_numpy(np.array([[0.7, 0.75], [1.0, 0.75]], np.float32))
     velocity.from_numpy(np.array([[-0.3, 0.0], [0.3, 0.0]], np.float32))
     bodies = Parting(grid, place, velocity, 2, open)
@@ -204,7 +204,7 @@ def test_robots_on_a_floor_plan_have_the_drag_of_their_height():
     """Force per density of C_d = 1 in a slab of 0.5 m: 1/2 (2 R h) w |w| each, w the relative velocity."""
     R, h, depth, dt = 0.2, 0.15, 0.5, 1e-3
     grid = Grid((60, 40), 0.05, depth=depth, periodic=(True, True))
-    place, velocity = (ti.Vector.field(2, ti.f32, 1) for _ in range(2))
+    place, velocity = (ti.vector_field(2, ti.f32, 1) for _ in range(2))
     place.from_numpy(np.array([[1.51, 1.02]], np.float32))
     velocity.from_numpy(np.array([[-0.2, 0.3]], np.float32))
     robots = partial(Wake, Body(radius=R, height=h), grid, place, velocity, 0, 1)

@@ -2,9 +2,9 @@ from math import pi
 
 import numpy as np
 import pytest
-import taichi as ti
 from rooms import TUNNEL, air_in, blocks, cfd, eulerian, flow_in, missing
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.solvers.convection import FACE_VALUES, LIMITED

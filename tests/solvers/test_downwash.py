@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-import taichi as ti
 from rooms import LAMINAR, afresh, cfd, flow_in
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.bodies import GRAVITY, Body
@@ -23,7 +23,7 @@ class Hover:
 
     def __init__(self, wind, periodic):
         count = 2
-        self.place, self.push = ti.Vector.field(2, ti.f32, count), ti.Vector.field(3, ti.f32, count)
+        self.place, self.push = ti.vector_field(2, ti.f32, count), ti.vector_field(3, ti.f32, count)
         self.heading, self.altitude = ti.field(ti.f32, count), ti.field(ti.f32, count)
         self.put = uploader(self.place, self.heading, self.altitude, self.push)
         self.grid = Grid(SHAPE, DX, periodic=periodic)

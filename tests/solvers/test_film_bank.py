@@ -4,9 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import taichi as ti
 
-from taichi_plume.grid import kernels
+from taichi_plume.engine import program, ti
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.species import SPECIES
 from taichi_plume.solvers.film_bank import FilmBank, half
@@ -67,7 +66,7 @@ class Asking:
 @pytest.fixture(scope="module")
 def asked():
     """What robots meet at random places and times, and all that decides it."""
-    kernels.start("cpu")
+    program.start("cpu")
     of, rng = recorded(), np.random.default_rng(5)
     bank = FilmBank(of, COUNT, ROBOTS)
     film, gas = rng.integers(0, FILMS, COUNT), rng.integers(-1, 3, COUNT)

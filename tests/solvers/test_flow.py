@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from rooms import TUNNEL, afresh, assert_same, blocks, cfd, flow_in, march
 
+from taichi_plume.engine.program import compiled, ensure_started
 from taichi_plume.grid.cut_cells import air_of
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import compiled, ensure_started
 from taichi_plume.grid.shapes import Ball
 from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import reader

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from rooms import TUNNEL, blocks, cfd, march, missing
 
+from taichi_plume.engine.program import compiled
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import concentration_at
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.gases import PuffGas
 from taichi_plume.scenario.winds import UniformWind

@@ -3,9 +3,9 @@ import pytest
 from rooms import LAMINAR, afresh, blocks, cfd, eulerian, flow_in
 
 from taichi_plume.assembly.assemble import assemble
+from taichi_plume.engine.program import compiled
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.winds import CfdWind

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from rooms import afresh, cfd, eulerian, flow_in
 
+from taichi_plume.engine.program import compiled
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.heat import Heat
 from taichi_plume.scenario.winds import CfdWind

@@ -10,9 +10,9 @@ from test_film import DX, SHAPE, new_film
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.preparation import load_scenario
+from taichi_plume.engine import program
 from taichi_plume.execution.film_output import Filming
 from taichi_plume.files.film import Film
-from taichi_plume.grid import kernels
 from taichi_plume.grid.fields import concentration_at, velocity_at
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.gases import PlaybackGas
@@ -70,7 +70,7 @@ def filmed(folder, text):
 @pytest.fixture(scope="module")
 def live(tmp_path_factory):
     """Of a computed flow."""
-    kernels.start("cpu")
+    program.start("cpu")
     return filmed(tmp_path_factory.mktemp("live"), LIVE)
 
 

@@ -7,10 +7,10 @@ import pytest
 from rooms import TUNNEL, air_in, blocks, cfd, missing
 from scipy.stats import chi2
 
+from taichi_plume.engine.program import compiled
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import concentration_at
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import compiled
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.gases import PuffGas
 from taichi_plume.scenario.winds import SyntheticWind, UniformWind

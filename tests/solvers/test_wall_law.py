@@ -4,11 +4,11 @@ from math import sqrt
 
 import numpy as np
 import pytest
-import taichi as ti
 from rooms import blocks, cfd, flow_in
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
+from taichi_plume.engine import ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.transfer import uploader

@@ -6,7 +6,7 @@ import pytest
 from study_rooms import UNIFORM, changed
 
 from taichi_plume.assembly.preparation import Prepared, checked
-from taichi_plume.grid import kernels
+from taichi_plume.engine import program
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.studies import simulation_cache
 from taichi_plume.studies.simulation_cache import Warm
@@ -51,7 +51,7 @@ def test_a_taichi_that_others_have_started_holds_nothing_of_ours(prepared):
     its.add("a", prepared)
     before = its.compiled
     assert before > 0
-    kernels.start()
+    program.start()
     assert its.find("a") is None
     its.add("a", prepared).sim.run()
     assert its.begun == 2
@@ -66,7 +66,7 @@ def test_one_thread_gives_what_many_give(prepared):
     from taichi_plume.assembly.assemble import build
 
     one = path()
-    kernels.start(threads=2)
+    program.start(threads=2)
     sim = build(prepared)
     sim.run()
     assert sim.swarm.snapshot()["path_length"].tolist() == one

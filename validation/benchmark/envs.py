@@ -139,11 +139,11 @@ def steps_of(what: str, kind: str, engine: Any, seconds: float) -> Measured:
 
 def measure(arch: str, count: int, seconds: float) -> list[Measured]:
     """Return all figures of the environments benchmark."""
+    from taichi_plume.engine import program
     from taichi_plume.envs.episodes import Episodes
-    from taichi_plume.grid import kernels
     from taichi_plume.scenario.loading import scenario_from
 
-    kernels.start(arch)
+    program.start(arch)
     scenario, bank = scenario_from(TASK), films()
     many = Episodes(scenario, count=count, bank=bank)
     one_of_them = np.arange(count) == count // 2

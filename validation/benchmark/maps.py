@@ -7,12 +7,11 @@ from math import isnan
 from typing import Any
 
 import numpy as np
-import taichi as ti
 from pydantic import TypeAdapter
 
 from taichi_plume.agents.gas_map import Floor
 from taichi_plume.agents.mapping import mappers
-from taichi_plume.grid import kernels
+from taichi_plume.engine import program, ti
 from taichi_plume.scenario.maps import Map
 
 WINDOW = 5.0  # s
@@ -29,8 +28,8 @@ class Robots:
     def __init__(self, trials: int, team: int, extent: tuple[float, float]):
         n = trials * team
         self.rng, self.extent = np.random.default_rng(0), extent
-        self.believed_position: Any = ti.Vector.field(2, ti.f32, n)
-        self.wind: Any = ti.Vector.field(2, ti.f32, n)
+        self.believed_position: Any = ti.vector_field(2, ti.f32, n)
+        self.wind: Any = ti.vector_field(2, ti.f32, n)
         self.reading, self.wind_known = ti.field(ti.f32, n), ti.field(ti.i32, n)
         self.members, self.team_size = ti.field(ti.i32, (trials, team)), ti.field(ti.i32, trials)
         self.members.from_numpy(np.arange(n, dtype=np.int32).reshape(trials, team))
@@ -98,7 +97,7 @@ def cost(
     case: str, arch: str, keys: list[dict], extent: tuple[float, float], trials: int, ticks: int = 50
 ) -> list[MapCost]:
     """Return the cost of several maps at once, in the first minute of a run and after an hour."""
-    kernels.start(arch)
+    program.start(arch)
     models = TypeAdapter(list[Map]).validate_python(keys)
     made = mappers(models, Floor(extent, trials, READINGS // ticks, WINDOW / ticks))
     robots = Robots(trials, READINGS // ticks, extent)

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from math import prod
 
 import numpy as np
-import taichi as ti
 
-from taichi_plume.grid import kernels
+from taichi_plume.engine import program, ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.solvers.multigrid import Multigrid
@@ -72,7 +71,7 @@ def solve(n: int, arch: str, tolerance: float = 1e-4) -> list[Solved]:
 
     Solvers: the default of the flow solver, and multigrid. Return a row per right side and solver.
     """
-    kernels.start(arch)
+    program.start(arch)
     grid, solid = cluttered(n)
     faces = []
     for d, area in enumerate(Air.of(solid, grid).area):

@@ -5,9 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import taichi as ti
 
-from taichi_plume.grid import kernels
+from taichi_plume.engine import program, ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import concentration_at
 from taichi_plume.grid.grid import Grid
@@ -103,7 +102,7 @@ def median_ms(work: Callable[[int], object]) -> tuple[float, float]:
 
 def step(case: str, arch: str, make: Callable[[int], PuffSolver], puffs: int = 100_000) -> list[PuffStep]:
     """Return the cost of whole time steps of about `puffs` puffs."""
-    kernels.start(arch)
+    program.start(arch)
     gas = make(puffs)
     t, first = filled(gas, puffs)
     ms = median_ms(lambda n: gas.advance(t + n * STEP, STEP))
@@ -112,7 +111,7 @@ def step(case: str, arch: str, make: Callable[[int], PuffSolver], puffs: int = 1
 
 def query(case: str, arch: str, make: Callable[[int], PuffSolver], puffs: int = 200_000) -> list[PuffQuery]:
     """Return the cost of queries of the concentration at random points and at centres of puffs."""
-    kernels.start(arch)
+    program.start(arch)
     gas = make(puffs)
     filled(gas, puffs)
     count = gas.puffs.count

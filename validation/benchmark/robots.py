@@ -4,13 +4,12 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-import taichi as ti
 from pydantic import TypeAdapter
 
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import Team
-from taichi_plume.grid import kernels
+from taichi_plume.engine import program, ti
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.fields import Mixture
 from taichi_plume.scenario.algorithms import Algorithm
@@ -50,7 +49,7 @@ def ticks(case: str, arch: str, algorithm: str, robots: int = 100_000) -> RobotT
     """Return the cost of ticks of robots with MiCS-5524 sensors, spread over the empty arena (4 x 3 x 0.52 m, 4 cm
     cells).
     """
-    kernels.start(arch)
+    program.start(arch)
     wind = flow_on(cfd(OPENINGS), (100, 75, 13), 0.04)
     source = {"position": (0.6, 1.5, 0.1), "rate": 2e-5}
     gas = Mixture([gas_on(wind.grid, wind, sources=[source])])

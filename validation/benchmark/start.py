@@ -51,14 +51,10 @@ def first_tick(config: Path, arch: str = "cpu") -> int:
     except ImportError:  # older checkouts
         from taichi_plume.assemble import assemble  # pyright: ignore[reportMissingImports]
     try:
-        from taichi_plume.grid import kernels
-    except ImportError:  # still older ones
-        from taichi_plume import kernels
-    try:
         scenario = load_scenario(config, ["warm_up=0"])
     except ValueError:  # a scenario that requires a warm-up
         scenario = load_scenario(config)
-    kernels.start(arch)
+    program.start(arch)
     sim = assemble(scenario, config.parent)
     sim.observe()
     sim.advance()

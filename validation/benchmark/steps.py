@@ -9,9 +9,8 @@ from math import prod
 
 import numpy as np
 import psutil
-import taichi as ti
 
-from taichi_plume.grid import kernels
+from taichi_plume.engine import program, ti
 from taichi_plume.grid.blas import one_blas_thread
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.validation.arena import ARENA, arena
@@ -114,7 +113,7 @@ CASES: dict[str, Callable[[], tuple[FlowSolver, Callable[[], float]]]] = {
 def measure(name: str, arch: str, seconds: float) -> Measured:
     """Run the case `name` for about `seconds` after its first steps, and return its figures."""
     rate = bandwidth()
-    kernels.start(arch)
+    program.start(arch)
     process = psutil.Process()
     before = process.memory_info().rss
     begin = time.perf_counter()

@@ -6,8 +6,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from taichi_plume.assembly.assemble import assemble
+from taichi_plume.engine import program
 from taichi_plume.execution.film_output import Filming
-from taichi_plume.grid import kernels
 from taichi_plume.validation.searches import outcomes, scenario_of
 from taichi_plume.validation.spiral_room import HOUR, at, momo, room
 
@@ -40,7 +40,7 @@ def spiral_trials(
     """Run SPIRAL from 180 cm until all robots have found the dish or `limit` [s] is over; return the cost."""
     with TemporaryDirectory() as folder:
         begin = time.perf_counter()
-        kernels.start(arch)
+        program.start(arch)
         fields = {"rate": 1.0, "quantities": ["wind", "gas"]}
         sim = assemble(scenario_of(room(0, [], recorded) | {"fields": fields}))
         assert sim.scenario.fields is not None
@@ -49,7 +49,7 @@ def spiral_trials(
         sim.observers.append(film.observer())
         sim.run()
         middle = time.perf_counter()
-        kernels.start(arch)
+        program.start(arch)
         both = {"kind": "playback", "file": FILM, "loop": True}
         group = momo("SPIRAL", trials, at(180), {"kind": "spiral", "minimum_ppm": 6.0})
         played = room(0, [group], limit) | {"warm_up": 0.0, "wind": both, "gas": both}

@@ -1,8 +1,7 @@
-"""Faster tracing of Taichi's kernels, the longest part of a start with compiled kernels on disk; faster attributes.
+"""Faster tracing of Taichi's kernels, the longest part of a start with compiled kernels on disk.
 
-Taichi 1.7, the last release, collects data for error messages: at each call of a function its source, for each node of
-a kernel the position in the source, and for each field the whole stack. Here sources are read once and positions are
-file and line. Attributes of objects with kernels are plain attributes; in Taichi each access runs a function.
+Taichi 1.7, the last release, collects data for error messages: at each call of a function its source, and for each node
+of a kernel the position in the source. Here sources are read once and positions are file and line.
 
 A function of Taichi is replaced only if its parameters are as expected. The traced code is the same, so that the cache
 of compiled kernels stays valid.
@@ -18,10 +17,12 @@ from pathlib import Path
 from types import CodeType, FunctionType, SimpleNamespace
 from typing import Any, TypeVar
 
-import taichi as ti
-from taichi.lang import impl, kernel_impl, matrix, snode
+from taichi.lang import impl, kernel_impl
 from taichi.lang.ast import ast_transformer_utils
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext, Builder
+
+from taichi_plume.engine import ti
+from taichi_plume.engine.trace import Block
 
 TAICHI = str(Path(ti.__file__).parent)
 
@@ -80,14 +81,6 @@ def position(self: Any, node: ast.stmt | ast.expr) -> str:
     return lines[node.lineno]
 
 
-def declaration(stacklevel: int = 1) -> str:
-    """Return the text of the line that declares a field, the innermost line of the stack outside Taichi."""
-    frame = sys._getframe(1)
-    while frame.f_back is not None and frame.f_code.co_filename.startswith(TAICHI):
-        frame = frame.f_back
-    return f'  File "{frame.f_code.co_filename}", line {frame.f_lineno}, in {frame.f_code.co_name}\n'
-
-
 # ---------------------------------------------------------------- nodes
 
 
@@ -119,52 +112,19 @@ def building(plain: Callable) -> Callable:
             return plain(self, ctx, node)
         stack = impl.get_runtime().src_info_stack
         stack.append(ctx.get_pos_info(node) if placed else "")
+        block = Block.of(node)
+        if block is not None:
+            Block.stack.append(block)
         try:
             return method(ctx, node)
         except Exception as error:
             return plain(_Failing(error), ctx, node)
         finally:
             stack.pop()
+            if block is not None:
+                Block.stack.pop()
 
     return build
-
-
-# ---------------------------------------------------------------- attributes
-
-
-class KernelMethod:
-    """Descriptor that binds a kernel of a class to an object of the class."""
-
-    def __init__(self, kernel: Any):
-        self.kernel = kernel
-        kernel._is_staticmethod = False
-
-    def __get__(self, owner: object, kind: type | None = None) -> Any:
-        if owner is None:
-            return self.kernel
-        bound = kernel_impl._BoundedDifferentiableMethod(owner, self.kernel)
-        bound.__name__ = self.kernel.__name__
-        return bound
-
-
-def binding(plain: Callable[[type], type]) -> Callable[[type], type]:
-    """Return a decorator `data_oriented` with which attributes cost a lookup; Taichi's runs a function at each access.
-
-    Classes with kernels that are static methods or properties are left to `plain`, Taichi's decorator.
-    """
-
-    def data_oriented(cls: type) -> type:
-        members = {name: member for kind in reversed(cls.__mro__) for name, member in vars(kind).items()}
-        wrapped = (getattr(member, "__func__", getattr(member, "fget", None)) for member in members.values())
-        if any(hasattr(function, "_is_wrapped_kernel") for function in wrapped):
-            return plain(cls)
-        for name, member in members.items():  # also of base classes that are not data_oriented
-            if getattr(member, "_is_classkernel", False):
-                setattr(cls, name, KernelMethod(member))
-        cls._data_oriented = True  # type: ignore[attr-defined]
-        return cls
-
-    return data_oriented
 
 
 def quicken() -> tuple[bool, ...]:
@@ -177,12 +137,6 @@ def quicken() -> tuple[bool, ...]:
         changes.append(True)
     changes.append(replace(kernel_impl, "_inside_class", ("level_of_class_stackframe",), inside_class))
     changes.append(replace(ASTTransformerContext, "get_pos_info", ("self", "node"), position))
-    changes += [
-        replace(part, "get_traceback", ("stacklevel",), declaration) for part in (impl, matrix, snode)
-    ]
-    if ti.data_oriented is kernel_impl.data_oriented:
-        changes.append(replace(kernel_impl, "data_oriented", ("cls",), binding(kernel_impl.data_oriented)))
-        ti.data_oriented = kernel_impl.data_oriented
     if ast_transformer_utils.impl is impl and hasattr(impl.PyTaichi(), "src_info_stack"):
         plain = Builder.__call__
         changes.append(replace(Builder, "__call__", ("self", "ctx", "node"), building(plain)))

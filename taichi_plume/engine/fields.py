@@ -1,0 +1,110 @@
+"""Fields: flat arrays of numbers or vectors, in NumPy's memory on a CPU and in the device's memory elsewhere."""
+
+from collections.abc import Sequence
+from math import prod
+from typing import Any
+
+import numpy as np
+import taichi
+
+KINDS = {
+    taichi.f16: np.float16,
+    taichi.f32: np.float32,
+    taichi.f64: np.float64,
+    taichi.i16: np.int16,
+    taichi.i32: np.int32,
+    taichi.u8: np.uint8,
+    taichi.u32: np.uint32,
+}
+
+
+def on_cpu() -> bool:
+    """Return whether kernels run on the CPU."""
+    return taichi.cfg.arch in (taichi.x64, taichi.arm64)
+
+
+class Layout:
+    """Shape of fields and the order of their axes in memory; fields with the same layout share index arithmetic."""
+
+    def __init__(self, shape: Sequence[int], first_axis_contiguous: bool = False):
+        self.shape = tuple(int(n) for n in shape)
+        self.first_axis_contiguous = first_axis_contiguous
+        steps = [
+            prod(self.shape[:d] if first_axis_contiguous else self.shape[d + 1 :]) for d in range(len(shape))
+        ]
+        self.steps = tuple(steps)
+        """Distance in memory between neighbours along each axis, in entries."""
+
+
+class Field:
+    """Field of numbers, or of vectors of n numbers, over a layout. Inside kernels, ``field[I]``.
+
+    On the host ``values`` is an array with the field's shape, and a last axis over the components of vectors: on a CPU
+    the memory itself, elsewhere a copy.
+    """
+
+    def __init__(self, dtype: Any, layout: Layout, n: int = 0):
+        self.dtype, self.layout, self.n = dtype, layout, n
+        self.shape = layout.shape
+        length = prod(self.shape)
+        kind = KINDS[dtype]
+        if on_cpu():
+            self.flat: Any = np.zeros((length, n) if n else length, kind)
+            self.memory = self.flat
+        else:
+            self.flat = None
+            self.memory = taichi.Vector.ndarray(n, dtype, length) if n else taichi.ndarray(dtype, length)
+            self.memory.fill(0)
+
+    def _shaped(self, flat: np.ndarray) -> np.ndarray:
+        if self.layout.first_axis_contiguous and len(self.shape) > 1:
+            turned = flat.reshape((*self.shape[::-1], *flat.shape[1:]))
+            axes = (*range(len(self.shape) - 1, -1, -1), *range(len(self.shape), turned.ndim))
+            return turned.transpose(axes)
+        return flat.reshape((*self.shape, *flat.shape[1:]))
+
+    @property
+    def values(self) -> np.ndarray:
+        """Values of the field: a view of its memory on a CPU, a copy elsewhere."""
+        return self._shaped(self.memory.to_numpy() if self.flat is None else self.flat)
+
+    def to_numpy(self) -> np.ndarray:
+        """Return a copy of the values."""
+        return np.array(self.values, order="C")
+
+    def from_numpy(self, values: Any) -> None:
+        """Set the values: an array of the field's shape, or one number."""
+        if self.flat is not None:
+            self._shaped(self.flat)[...] = values
+            return
+        flat = np.empty((prod(self.shape), self.n) if self.n else prod(self.shape), KINDS[self.dtype])
+        self._shaped(flat)[...] = values
+        self.memory.from_numpy(flat)
+
+    fill = from_numpy
+
+    def copy_from(self, other: "Field") -> None:
+        """Set the values to those of another field."""
+        self.from_numpy(other.values)
+
+    def __getitem__(self, index: Any) -> Any:
+        value = self.values[() if index is None else index]
+        return value.item() if not isinstance(value, np.ndarray) else value
+
+    def __setitem__(self, index: Any, value: Any) -> None:
+        values = self.values
+        values[() if index is None else index] = value
+        if self.flat is None:
+            self.from_numpy(values)
+
+
+def field(dtype: Any, shape: int | Sequence[int] = (), order: str | None = None) -> Field:
+    """Return a new field of zeros; order "kji" stores the first axis contiguously."""
+    shape = (shape,) if isinstance(shape, int | np.integer) else tuple(shape)
+    return Field(dtype, Layout(shape, order is not None and order != "".join(sorted(order))))
+
+
+def vector_field(n: int, dtype: Any, shape: int | Sequence[int] = (), order: str | None = None) -> Field:
+    """Return a new field of vectors of n numbers."""
+    shape = (shape,) if isinstance(shape, int | np.integer) else tuple(shape)
+    return Field(dtype, Layout(shape, order is not None and order != "".join(sorted(order))), n)

@@ -1,0 +1,293 @@
+"""Kernels at module level or in classes, compiled once for all parts that are alike."""
+
+import ast
+import inspect
+import os
+import textwrap
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from typing import Any
+
+import numpy as np
+import taichi
+from taichi.lang import impl, kernel_arguments, kernel_impl
+from taichi.lang.ast.ast_transformer import build_stmts
+from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
+from taichi.lang.enums import AutodiffMode
+from taichi.lang.matrix import MatrixType
+from taichi.lang.util import cook_dtype
+from taichi.types import ndarray_type
+
+from taichi_plume.engine.fields import KINDS, Field, on_cpu
+from taichi_plume.engine.trace import Trace, _same, _setter, declare_array
+
+DTYPES = {np.dtype(kind): dtype for dtype, kind in KINDS.items()}
+SCALARS = {float: taichi.f32, int: taichi.i32, bool: taichi.i32}
+Template = type(taichi.template())
+
+compiled = 0
+"""Number of kernels compiled, or loaded from the cache, in this process."""
+
+
+_instances: dict[Any, list["Instance"]] = {}
+
+
+class Instance:
+    """Compiled kernel with the conditions under which it may be used."""
+
+    def __init__(self, kernel: "Kernel", parts: Sequence[Any], arguments: Sequence[Any]):
+        global compiled
+        compiled += 1
+        self.program = impl.get_runtime().prog
+        self.trace = Trace(parts)
+        self.arrays = kernel.kinds_of(arguments)
+        self.traced = self._traced(kernel, parts)
+        with kernel.compiling():
+            self.compiled = self.program.compile_kernel(
+                self.program.config(), self.program.get_device_caps(), self.traced
+            )
+        self.steps = self.trace.steps
+        self.roots = len(parts)
+        self.extra = [(compute, setter) for _, compute, setter in self.trace.arguments.values()]
+        del self.trace
+
+    def _traced(self, kernel: "Kernel", parts: Sequence[Any]) -> Any:
+        runtime = impl.get_runtime()
+        runtime.materialize()
+        function, shell, trace = kernel.function, kernel.shell, self.trace
+        source, line = kernel_impl.getsourcelines(function)
+        source = [kernel_impl.textwrap.fill(text, tabsize=4, width=9999) for text in source]
+        tree: Any = ast.parse(textwrap.dedent("\n".join(source)))
+        context = ASTTransformerContext(
+            is_kernel=True,
+            func=shell,
+            global_vars={},
+            src=source,
+            start_lineno=line,
+            file=kernel_impl.getsourcefile(function),
+        )
+        annotations = dict(zip(kernel.names, kernel.annotations, strict=True))
+
+        def generate(target: Any) -> None:
+            if runtime.inside_kernel:
+                raise taichi.TaichiSyntaxError("a kernel cannot call another kernel")
+            shell.kernel_cpp, runtime.inside_kernel, runtime.current_kernel = target, True, shell
+            runtime.compiling_callable = target
+            context.ast_builder = target.ast_builder()
+            arrays = iter(self.arrays)
+            runtime.src_info_stack.append("")
+            try:
+                for kind in shell.return_type or ():
+                    kernel_arguments.decl_ret(kind)
+                target.finalize_rets()
+                with context.variable_scope_guard():
+                    of_function = trace.wrap(0, _same, None, function)
+                    context.global_vars = {**function.__globals__, **of_function.free()}
+                    for n, name in enumerate(kernel.parts, 1):
+                        context.create_variable(name, trace.wrap(n, _same, None, parts[n]))
+                    for name in kernel.scalars:
+                        kind = annotations[name]
+                        if isinstance(kind, ndarray_type.NdarrayType):
+                            value: Any = declare_array(*next(arrays), name)
+                        elif isinstance(kind, MatrixType):
+                            value = kernel_arguments.decl_matrix_arg(kind, name, 0)
+                        else:
+                            value = kernel_arguments.decl_scalar_arg(SCALARS.get(kind, kind), name, 0)
+                        context.create_variable(name, value)
+                        context.kernel_args.append(name)
+                    build_stmts(context, tree.body[0].body)
+                target.finalize_params()
+            finally:
+                runtime.src_info_stack.clear()
+                runtime.inside_kernel, runtime.current_kernel, runtime.compiling_callable = False, None, None
+
+        name = f"{function.__name__}_{compiled}"
+        return self.program.create_kernel(generate, name, AutodiffMode.NONE)
+
+    def values(self, parts: Sequence[Any]) -> list[Any] | None:
+        """Return the values that the kernel reads from parts; None if a condition does not hold."""
+        values = list(parts)
+        try:
+            for parent, step, key, check in self.steps:
+                value = step(values if parent < 0 else values[parent], key)
+                if check is not None and not (
+                    values[check.other] is value if hasattr(check, "other") else check(value)
+                ):
+                    _explain(self, len(values), value, check)
+                    return None
+                values.append(value)
+        except (AttributeError, IndexError, KeyError, TypeError, ValueError):
+            return None
+        return values
+
+
+class Bound:
+    """Kernel with its parts: call it with the remaining arguments."""
+
+    def __init__(self, kernel: "Kernel", instance: Instance, values: list[Any]):
+        self.kernel, self.instance = kernel, instance
+        self.program = instance.program
+        self.extra = [(compute(values), setter) for compute, setter in instance.extra]
+        self.setters = [_argument_setter(kind) for kind in kernel.scalar_annotations]
+        self.returns = kernel.shell.return_type
+        self.first = len(self.setters)
+        self.reusable = on_cpu()
+        self.context = self._context() if self.reusable else None
+
+    def _context(self) -> Any:
+        context = self.instance.traced.make_launch_context()
+        for n, (value, setter) in enumerate(self.extra, self.first):
+            if setter == "field":
+                _put_field(context, n, value)
+            else:
+                getattr(context, f"set_arg_{setter}")((n,), value)
+        return context
+
+    def __call__(self, *arguments: Any) -> Any:
+        context = self.context or self._context()
+        for n, argument in enumerate(arguments):
+            self.setters[n](context, (n,), argument)
+        self.program.launch_kernel(self.instance.compiled, context)
+        if self.returns:
+            if not self.reusable:
+                taichi.sync()
+            return self.kernel.shell.construct_kernel_ret(context, self.returns[0], (0,))
+        return None
+
+
+def _put_field(context: Any, n: int, field: Field) -> None:
+    if field.flat is None:
+        context.set_arg_ndarray((n,), field.memory.arr)
+    else:
+        flat = field.flat
+        context.set_arg_external_array_with_shape((n,), flat.ctypes.data, flat.nbytes, (len(flat),), 0)
+
+
+def _put_array(context: Any, n: tuple[int], value: np.ndarray) -> None:
+    if not value.flags.c_contiguous:
+        raise ValueError("an array argument of a kernel must be contiguous")
+    context.set_arg_external_array_with_shape(n, value.ctypes.data, value.nbytes, value.shape, 0)
+
+
+def _argument_setter(kind: Any) -> Callable[[Any, tuple[int], Any], None]:
+    if isinstance(kind, ndarray_type.NdarrayType):
+        return _put_array
+    if isinstance(kind, MatrixType):
+
+        def put(context: Any, n: tuple[int], value: Any) -> None:
+            for k in range(kind.n):
+                context.set_struct_arg_float((*n, k), float(value[k]))
+
+        return put
+    setter = _setter(cook_dtype(SCALARS.get(kind, kind)))
+    if setter == "float":
+        return lambda context, n, value: context.set_arg_float(n, float(value))
+    if setter == "uint":
+        return lambda context, n, value: context.set_arg_uint(n, int(value))
+    return lambda context, n, value: context.set_arg_int(n, int(value))
+
+
+class Kernel:
+    """Kernel: a function of parts (self, and arguments annotated as Template), numbers and arrays."""
+
+    def __init__(self, function: Callable, compiling: Callable = nullcontext):
+        self.function, self.compiling = function, compiling
+        parameters = list(inspect.signature(function).parameters.values())
+        self.names = [p.name for p in parameters]
+        self.annotations = [p.annotation for p in parameters]
+        is_part = [isinstance(a, Template) or a is inspect.Parameter.empty for a in self.annotations]
+        self.places = [n for n, part in enumerate(is_part) if part]
+        self.parts = [p.name for p, part in zip(parameters, is_part, strict=True) if part]
+        self.scalars = [p.name for p, part in zip(parameters, is_part, strict=True) if not part]
+        self.scalar_annotations = [a for a, part in zip(self.annotations, is_part, strict=True) if not part]
+        self.shell: Any = kernel_impl.Kernel(function, AutodiffMode.NONE, "self" in self.names)
+        self.__name__ = function.__name__
+        self.__doc__ = function.__doc__
+
+    def kinds_of(self, arguments: Sequence[Any]) -> tuple:
+        """Return dtype, components and axes of each array argument."""
+        return tuple(
+            (DTYPES[value.dtype], 0, value.ndim)
+            for value, kind in zip(arguments, self.scalar_annotations, strict=True)
+            if isinstance(kind, ndarray_type.NdarrayType)
+        )
+
+    def bind(self, *parts: Any, arguments: Sequence[Any] = (), key: Any = None) -> Bound:
+        """Return the kernel with its parts, compiled if no instance fits."""
+        kinds = self.kinds_of(arguments) if arguments else ()
+        parts = (self.function, *parts)
+        known = _instances.setdefault((impl.get_runtime().prog, self.function.__code__, key, kinds), [])
+        for instance in known:
+            values = instance.values(parts)
+            if values is not None:
+                return Bound(self, instance, values)
+        if not arguments:
+            arguments = [None] * len(self.scalars)
+        instance = Instance(self, parts, arguments)
+        values = instance.values(parts)
+        if values is None:
+            raise AssertionError(f"conditions of {self.__name__} do not hold for its own parts")
+        known.append(instance)
+        return Bound(self, instance, values)
+
+    def __get__(self, owner: Any, kind: Any = None) -> Any:
+        return self if owner is None else Method(self, owner)
+
+    def __call__(self, *arguments: Any) -> Any:
+        parts = [arguments[n] for n in self.places]
+        rest = [a for n, a in enumerate(arguments) if n not in self.places]
+        home = next((vars(part) for part in parts if hasattr(part, "__dict__")), None)
+        known = {} if home is None else home.setdefault("_bound", {})
+        key = (id(self), *(part if isinstance(part, _CONSTANTS) else id(part) for part in parts))
+        bound = known.get(key)
+        if bound is None or bound.program is not impl.get_runtime().prog:
+            bound = known[key] = self.bind(*parts, arguments=rest, key=type(parts[0]) if parts else None)
+        return bound(*rest)
+
+
+_CONSTANTS = (int, float, str, bool, type(None))
+
+
+class Method:
+    """Kernel of a class, with its object."""
+
+    def __init__(self, kernel: Kernel, owner: Any):
+        self.kernel, self.owner = kernel, owner
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.kernel(self.owner, *arguments)
+
+
+@contextmanager
+def data_flow_by_llvm() -> Iterator[None]:
+    """Context in which kernels compile without Taichi's store-to-load analysis, which LLVM then does.
+
+    The analysis takes up to half of the compile time, as it grows with the square of a kernel's length. The V-cycle
+    needs it: without it Taichi 1.7 gives LLVM faulty code for those kernels, and aborts. Taichi's other simplifications
+    (`advanced_optimization`) are needed too: without them the flow of the helium box is wrong by a factor of two.
+    """
+    before, taichi.cfg.cfg_optimization = taichi.cfg.cfg_optimization, not on_cpu()
+    try:
+        yield
+    finally:
+        taichi.cfg.cfg_optimization = before
+
+
+def kernel(function: Callable) -> Kernel:
+    """Decorator of kernels."""
+    return Kernel(function)
+
+
+def _explain(instance: Instance, place: int, value: Any, check: Any) -> None:
+    """Print why an instance does not fit, if TAICHI_PLUME_TRACE is set."""
+    if not os.environ.get("TAICHI_PLUME_TRACE"):
+        return
+    path, at = [], place
+    steps, base = instance.steps, instance.roots
+    while at >= base:
+        parent, step, key, _ = steps[at - base]
+        path.append(f"{step.__name__ if hasattr(step, '__name__') else step}:{key}")
+        at = parent
+        if parent < 0:
+            break
+    print("unlike", " < ".join(path), repr(value)[:80], vars(check) if hasattr(check, "__dict__") else check)

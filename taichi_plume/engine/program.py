@@ -1,0 +1,136 @@
+"""Start of Taichi, and the cache of compiled kernels."""
+
+import contextlib
+import io
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import taichi
+from taichi.lang import impl
+
+from taichi_plume.engine import kernels, tracing  # noqa: F401  it makes the tracing of kernels quicker
+from taichi_plume.engine.fields import on_cpu
+from taichi_plume.engine.process import require_usable
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.terminal import LONGEST_VALUE, say, visible
+
+# Limit of compiled kernels on disk. At Taichi's own 100 MB a dozen scenarios, or the tests, evict each other's kernels.
+CACHE_BYTES = 2_000_000_000
+_CACHE_FOLDER = "TI_OFFLINE_CACHE_FILE_PATH"  # Taichi's own variable
+STALE_S = 60.0  # age of the cache's lock, which Taichi holds for less than a second
+_started: list[Any] = []  # program, arch, debug and threads of the last start
+
+
+class DeviceError(InputError, RuntimeError):
+    """Error of a machine without a device of the requested kind."""
+
+
+def start(arch: str = "cpu", debug: bool = False, threads: int | None = None) -> str:
+    """Initialise Taichi on `arch` (auto, cpu, cuda, vulkan, metal) and return the backend that Taichi chose.
+
+    threads: number of CPU threads, by default one per core. If Taichi already runs with the same arguments and fields
+    in use, only the memory of other fields is freed. Otherwise Taichi restarts, and simulations assembled before raise
+    EngineError. Raises DeviceError if there is no such device; Taichi is then not running.
+    """
+    known = {
+        "auto": taichi.gpu,
+        "cpu": taichi.cpu,
+        "cuda": taichi.cuda,
+        "vulkan": taichi.vulkan,
+        "metal": taichi.metal,
+    }
+    if not isinstance(arch, str) or arch not in known:
+        raise DeviceError(f"got '{visible(arch, LONGEST_VALUE)}', allowed are {', '.join(known)}")
+    require_usable(in_use=False)
+    if not is_running() or _started != [impl.get_runtime().prog, arch, debug, threads]:
+        try:
+            _restart(known[arch], debug, threads)
+        except RuntimeError as error:  # from Taichi: the driver of the device failed
+            raise DeviceError(error) from None
+        if on_cpu() and arch not in ("auto", "cpu"):
+            taichi.reset()
+            raise DeviceError(f"no {arch} device was found; use --arch cpu or auto")
+        _started[:] = impl.get_runtime().prog, arch, debug, threads
+    return "cpu" if on_cpu() else taichi.cfg.arch.name
+
+
+def _restart(arch: object, debug: bool, threads: int | None) -> None:
+    checks: dict[str, Any] = {"debug": True} if debug else {}  # the default is Taichi's own TI_DEBUG
+    checks |= {} if threads is None else {"cpu_max_num_threads": threads}
+    with contextlib.redirect_stdout(io.StringIO()):  # "[Taichi] Starting on arch=..."
+        taichi.init(
+            arch=arch,
+            default_fp=taichi.f32,
+            default_ip=taichi.i32,
+            log_level=taichi.ERROR,
+            unrolling_limit=0,  # no warning where more than 32 fields are filled at once
+            **_cache(),
+            **checks,
+        )
+
+
+def is_running() -> bool:
+    """Return whether Taichi has been started."""
+    return impl.get_runtime().prog is not None
+
+
+def ensure_started() -> None:
+    """Start Taichi on the CPU unless Taichi runs."""
+    if not is_running():
+        start()
+
+
+def cache_folder() -> Path:
+    """Return the folder of compiled kernels: TI_OFFLINE_CACHE_FILE_PATH, or a folder in the user's cache folder."""
+    chosen = os.environ.get(_CACHE_FOLDER)
+    if chosen:
+        return Path(chosen)
+    home = Path(os.path.expanduser("~"))
+    folder = {"win32": home / "AppData/Local", "darwin": home / "Library/Caches"}.get(
+        sys.platform, home / ".cache"
+    )
+    if sys.platform != "darwin":
+        given = Path(os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_CACHE_HOME", ""))
+        folder = given if given.is_absolute() else folder  # the XDG rules: a relative path is ignored
+    return folder / "taichi_plume" / "kernels"
+
+
+def _cache() -> dict[str, str | int]:
+    """Return the options of `taichi.init` for the cache of compiled kernels.
+
+    If the cache folder cannot be written, the cache is switched off by TI_OFFLINE_CACHE and a note says so once. Child
+    processes inherit the variable. Taichi creates the folder even then, and crashes if that fails: the root exists.
+    """
+    folder = cache_folder()
+    if os.environ.get("TI_OFFLINE_CACHE") != "0":
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+            _remove_stale_lock(folder / "ticache.lock")
+            options: dict[str, str | int] = {"offline_cache_max_size_of_files": CACHE_BYTES}
+            return (
+                options if _CACHE_FOLDER in os.environ else options | {"offline_cache_file_path": str(folder)}
+            )
+        except OSError as error:
+            why = f"{folder} cannot be written ({error.strerror or error}), so every run compiles its kernels again"
+            say(f"note: {why}; set {_CACHE_FOLDER} to a folder that can be written", error=True)
+            os.environ["TI_OFFLINE_CACHE"] = "0"
+    os.environ[_CACHE_FOLDER] = os.sep
+    return {}
+
+
+def _remove_stale_lock(lock: Path) -> None:
+    """Remove Taichi's lock of a kernel cache if a killed process left it: no kernel would be stored any more."""
+    with contextlib.suppress(OSError):
+        if time.time() - lock.stat().st_mtime > STALE_S:
+            lock.unlink()
+
+
+def compiled() -> int:
+    """Return the number of kernels that have been compiled since `start`."""
+    return kernels.compiled

@@ -1,0 +1,22 @@
+"""Taichi's names, with the engine's fields and kernels: all other modules import `ti` from here."""
+
+from typing import Any
+
+import taichi
+from taichi import *  # noqa: F403
+from taichi import _lib, func, math, types  # noqa: F401
+
+from taichi_plume.engine.cells import along, row  # noqa: F401
+from taichi_plume.engine.fields import Field, field, vector_field  # noqa: F401
+from taichi_plume.engine.kernels import kernel  # noqa: F401
+from taichi_plume.engine.trace import static  # noqa: F401
+
+
+def data_oriented(kind: type) -> type:
+    """Class decorator of parts: objects of the class may be arguments of kernels."""
+    kind._data_oriented = True  # type: ignore[attr-defined]
+    return kind
+
+
+def __getattr__(name: str) -> Any:
+    return getattr(taichi, name)  # `cfg` is made by `init`

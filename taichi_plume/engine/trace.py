@@ -1,0 +1,737 @@
+"""Kernels that know no room: what a kernel reads from its arguments decides what is compiled.
+
+A kernel gets parts: plain objects with fields, numbers, further parts, and things that select code. While a kernel is
+traced, parts are replaced by stand-ins. A field becomes an argument, and so does a number; what the code of the kernel
+depends on (a dimension, a flag, a function, the length of a tuple) becomes a condition. For another part, the compiled
+kernel is used if its conditions hold, with the fields and numbers of that part; else it is traced again.
+"""
+
+import ast
+import enum
+import operator
+import sys
+import types
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+import taichi
+from taichi._lib import core
+from taichi.lang import impl, kernel_impl
+from taichi.lang.any_array import AnyArray
+from taichi.lang.ast.ast_transformer import ASTTransformer
+from taichi.lang.expr import Expr
+from taichi.lang.field import Field as TaichiField
+from taichi.lang.kernel_impl import Func
+from taichi.lang.matrix import Matrix
+
+from taichi_plume.engine.fields import Field
+
+Values = list[Any]
+
+
+class Trace:
+    """Record of what the trace of a kernel reads: nodes, conditions and arguments.
+
+    A node is a value found from the kernel's parts: (parent, step, key). A condition is a test of such a value.
+    """
+
+    current: "Trace"
+
+    def __init__(self, parts: Sequence[Any]):
+        Trace.current = self
+        self.values: Values = list(parts)
+        self.steps: list[tuple[int, Callable[[Any, Any], Any], Any, Callable[[Any], bool] | None]] = []
+        self.seen: dict[Any, Any] = {}
+        self.arguments: dict[Any, tuple[Expr | AnyArray, Callable[[Values], Any], str]] = {}
+        self.first_layouts: dict[int, int] = {}
+        self.keep: list[Any] = []  # so that identities stay unique during the trace
+
+    # ------------------------------------------------------------ nodes
+
+    def node(self, parent: int, step: Callable[[Any, Any], Any], key: Any, value: Any, check: Any) -> int:
+        """Register a value as a node with a condition; return its number."""
+        self.values.append(value)
+        self.steps.append((parent, step, key, check))
+        return len(self.values) - 1
+
+    def condition(self, index: int, check: Callable[[Any], bool]) -> None:
+        """Require that a node's value passes `check`."""
+        self.steps.append((index, _same, None, check))
+        self.values.append(self.values[index])
+
+    def wrap(self, parent: int, step: Callable[[Any, Any], Any], key: Any, value: Any) -> Any:
+        """Return the stand-in for a value that `step(values[parent], key)` returns."""
+        place = (parent, step, key)
+        if place not in self.seen:
+            self.seen[place] = self._stand_in(parent, step, key, value)
+        return self.seen[place]
+
+    def _stand_in(self, parent: int, step: Any, key: Any, value: Any) -> Any:
+        kind = type(value)
+        if kind is int or kind is float or isinstance(value, np.integer | np.floating):
+            index = self.node(parent, step, key, value, None)
+            return Number(self, value, ("node", index), lambda values: values[index])
+        if kind is tuple or kind is list or (isinstance(value, tuple) and hasattr(value, "_fields")):
+            index = self.node(parent, step, key, value, _OfLength(kind, len(value)))
+            parts = [self.wrap(index, operator.getitem, n, entry) for n, entry in enumerate(value)]
+            if hasattr(value, "_fields"):
+                return kind(*parts)
+            return kind(parts)
+        if kind is dict:
+            index = self.node(parent, step, key, value, _WithKeys(tuple(value)))
+            return {name: self.wrap(index, operator.getitem, name, entry) for name, entry in value.items()}
+        if isinstance(value, Field):
+            index = self.node(parent, step, key, value, _LikeField(value))
+            return View(self, index, value)
+        if isinstance(value, Matrix):
+            entries = value.entries if value.ndim == 1 else value.to_list()
+            index = self.node(parent, step, key, value, _OfLength(kind, len(entries), len_of=_entries))
+            return [self.wrap(index, _entry, n, entry) for n, entry in enumerate(entries)]
+        if isinstance(value, types.MethodType):
+            index = self.node(parent, step, key, value, _Calls(value.__func__))
+            owner = value.__self__
+            if parent < len(self.values) and self.values[parent] is owner:
+                stand_in = self.seen["self", parent]
+            else:
+                stand_in = self.wrap(index, _owner, None, owner)
+            return Function(self, index, value.__func__, stand_in)
+        if isinstance(value, types.FunctionType):
+            index = self.node(parent, step, key, value, _Calls(value))
+            return Function(self, index, value, None)
+        if isinstance(value, np.ndarray):
+            self.node(parent, step, key, value, _EqualArray(value))
+            return value
+        if _is_constant(value):
+            self.node(parent, step, key, value, _Equal(value))
+            return value
+        index = self.node(parent, step, key, value, _OfType(kind))
+        return Part(self, index, value)
+
+    # ------------------------------------------------------------ arguments
+
+    def number(self, key: Any, value: Any, compute: Callable[[Values], Any], dtype: Any) -> Any:
+        """Return the expression of a scalar argument."""
+        place = (key, str(dtype))
+        if place not in self.arguments:
+            target = impl.get_runtime().compiling_callable
+            name = f"n{len(self.arguments)}"
+            argument = target.insert_scalar_param(dtype, name)
+            expression = Expr(
+                core.make_arg_load_expr(
+                    argument, dtype, False, create_load=True, arg_depth=0, dbg_info=core.DebugInfo()
+                )
+            )
+            self.arguments[place] = expression, compute, _setter(dtype)
+        return self.arguments[place][0].ptr
+
+    def array(self, index: int, field: Field) -> AnyArray:
+        """Return the expression of an array argument for the field at a node."""
+        place = ("field", id(field))
+        if place not in self.arguments:
+            self.keep.append(field)
+            array = declare_array(field.dtype, field.n, 1, f"f{len(self.arguments)}")
+            self.arguments[place] = array, lambda values: values[index], "field"
+            self.seen["first", id(field)] = index
+        else:
+            first = self.seen["first", id(field)]
+            if first != index and ("same", first, index) not in self.seen:
+                self.seen["same", first, index] = True
+                self.alike(first, index)
+        return self.arguments[place][0]
+
+    def fixed(self, field: Field) -> "View":
+        """Return the stand-in for a field that is no part of an argument."""
+        return self.wrap(0, _Fixed(field), None, field)
+
+    def alike(self, first: int, other: int) -> None:
+        """Require that two nodes are the same object."""
+        self.steps.append((other, _same, None, _Same(first)))
+        self.values.append(self.values[other])
+
+
+def declare_array(dtype: Any, n: int, ndim: int, name: str) -> AnyArray:
+    """Add an array argument of numbers, or of vectors of n numbers, to the kernel that is traced."""
+    element = core.get_type_factory_instance().get_tensor_type((n,), dtype) if n else dtype
+    argument = impl.get_runtime().compiling_callable.insert_ndarray_param(element, ndim, name, False)
+    return AnyArray(
+        core.make_external_tensor_expr(element, ndim, argument, False, 0, core.BoundaryMode.UNSAFE)
+    )
+
+
+def _setter(dtype: Any) -> str:
+    if dtype in (taichi.f32, taichi.f64):
+        return "float"
+    return "uint" if dtype in (taichi.u32, taichi.u8) else "int"
+
+
+# ---------------------------------------------------------------- steps and conditions
+
+
+def _same(value: Any, _: Any) -> Any:
+    return value
+
+
+class _Fixed:
+    """Step to a certain field."""
+
+    def __init__(self, field: Field):
+        self.field = field
+
+    def __call__(self, value: Any, _: Any) -> Field:
+        return self.field
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Fixed) and other.field is self.field
+
+    def __hash__(self) -> int:
+        return id(self.field)
+
+
+def _owner(value: Any, _: Any) -> Any:
+    return value.__self__
+
+
+def _entries(value: Matrix) -> int:
+    return len(value.entries if value.ndim == 1 else value.to_list())
+
+
+def _entry(value: Matrix, n: int) -> Any:
+    return (value.entries if value.ndim == 1 else value.to_list())[n]
+
+
+def _closed_over(function: Any, n: int) -> Any:
+    return raw(function).__closure__[n].cell_contents
+
+
+def raw(function: Any) -> types.FunctionType:
+    """Return the Python function of a ti.func, or a Python function itself."""
+    inner = getattr(function, "func", None)
+    return inner.func if isinstance(inner, Func) else function
+
+
+class _Same:
+    def __init__(self, other: int):
+        self.other = other
+
+
+class _OfLength:
+    def __init__(self, kind: type, length: int, len_of: Callable = len):
+        self.kind, self.length, self.len_of = kind, length, len_of
+
+    def __call__(self, value: Any) -> bool:
+        return type(value) is self.kind and self.len_of(value) == self.length
+
+
+class _WithKeys:
+    def __init__(self, keys: tuple):
+        self.keys = keys
+
+    def __call__(self, value: Any) -> bool:
+        return type(value) is dict and tuple(value) == self.keys
+
+
+class _LikeField:
+    def __init__(self, field: Field):
+        self.like = self._kind(field)
+
+    @staticmethod
+    def _kind(field: Field) -> tuple:
+        return field.dtype, field.n, len(field.shape), field.layout.first_axis_contiguous
+
+    def __call__(self, value: Any) -> bool:
+        return isinstance(value, Field) and self._kind(value) == self.like
+
+
+class _Calls:
+    def __init__(self, function: Any):
+        self.code = raw(function).__code__
+
+    def __call__(self, value: Any) -> bool:
+        return getattr(raw(getattr(value, "__func__", value)), "__code__", None) is self.code
+
+
+class _EqualArray:
+    def __init__(self, value: np.ndarray):
+        self.value = value.copy()
+
+    def __call__(self, value: Any) -> bool:
+        return isinstance(value, np.ndarray) and np.array_equal(value, self.value)
+
+
+class _Equal:
+    def __init__(self, value: Any):
+        self.value = value
+
+    def __call__(self, value: Any) -> bool:
+        return value is self.value or (type(value) is type(self.value) and value == self.value)
+
+
+class _OfType:
+    def __init__(self, kind: type):
+        self.kind = kind
+
+    def __call__(self, value: Any) -> bool:
+        return type(value) is self.kind
+
+
+def _is_constant(value: Any) -> bool:
+    return (
+        value is None
+        or isinstance(
+            value,
+            bool | str | bytes | type | types.ModuleType | enum.Enum | range | slice | np.bool_ | complex
+            | types.BuiltinFunctionType | np.ufunc | TaichiField | core.DataType | frozenset | set
+            | MatrixType | StructType,
+        )
+    )  # fmt: skip
+
+
+# ---------------------------------------------------------------- stand-ins
+
+
+class Part:
+    """Stand-in for an object: its attributes are stand-ins."""
+
+    _data_oriented = True
+
+    def __init__(self, trace: Trace, index: int, value: Any):
+        object.__setattr__(self, "_stands_for", (trace, index, value))
+        trace.seen["self", index] = self
+
+    def __getattr__(self, name: str) -> Any:
+        trace, index, value = object.__getattribute__(self, "_stands_for")
+        return trace.wrap(index, getattr, name, getattr(value, name))
+
+    @property
+    def __class__(self) -> Any:  # pyright: ignore
+        return type(object.__getattribute__(self, "_stands_for")[2])
+
+    def __getitem__(self, key: Any) -> Any:
+        trace, index, value = object.__getattribute__(self, "_stands_for")
+        if isinstance(getattr(type(value), "__getitem__", None), types.FunctionType):
+            return trace.wrap(index, getattr, "__getitem__", value.__getitem__)(key)
+        key = key if not isinstance(key, Number) else key.constant()
+        return trace.wrap(index, operator.getitem, key, value[key])
+
+    def __len__(self) -> int:
+        trace, index, value = object.__getattribute__(self, "_stands_for")
+        return operator.index(trace.wrap(index, _length, None, len(value)))
+
+    def __iter__(self) -> Any:
+        trace, index, value = object.__getattribute__(self, "_stands_for")
+        return iter(trace.wrap(index, _as_tuple, None, tuple(value)))
+
+    def __bool__(self) -> bool:
+        trace, index, value = object.__getattribute__(self, "_stands_for")
+        return trace.wrap(index, _truth, None, bool(value))
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        trace, index, value = object.__getattribute__(self, "_stands_for")
+        return trace.wrap(index, getattr, "__call__", value.__call__)(*arguments, **named)
+
+
+def _as_tuple(value: Any, _: Any) -> tuple:
+    return tuple(value)
+
+
+def _truth(value: Any, _: Any) -> bool:
+    return bool(value)
+
+
+def _length(value: Any, _: Any) -> int:
+    return len(value)
+
+
+class Function:
+    """Stand-in for a function or method, whose free variables are stand-ins too."""
+
+    _data_oriented = True
+
+    def __init__(self, trace: Trace, index: int, function: Any, owner: Any):
+        self.trace, self.index, self.function, self.owner = trace, index, function, owner
+        self._is_taichi_function = True
+        self.__name__ = getattr(function, "__name__", "function")
+        self.func = getattr(function, "func", _PLAIN)
+
+    def free(self) -> dict[str, Any]:
+        """Return the stand-ins of the function's free variables, by name."""
+        code, cells = raw(self.function).__code__, raw(self.function).__closure__ or ()
+        return {
+            name: self.trace.wrap(self.index, _closed_over, n, cell.cell_contents)
+            for n, (name, cell) in enumerate(zip(code.co_freevars, cells, strict=True))
+        }
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        if self.owner is not None:
+            arguments = (self.owner, *arguments)
+        plain = raw(self.function)
+        if plain is self.function:
+            if plain.__closure__:
+                cells = tuple(types.CellType(value) for value in self.free().values())
+                plain = types.FunctionType(
+                    plain.__code__, plain.__globals__, plain.__name__, plain.__defaults__, cells
+                )
+            return plain(*arguments, **named)
+        _free.append((plain, self.free()))
+        try:
+            return self.function(*arguments, **named)
+        finally:
+            _free.pop()
+
+
+_PLAIN = types.SimpleNamespace(has_print=False)
+_free: list[tuple[Any, dict[str, Any]]] = []
+
+
+def _global_variables(function: Any, plain: Callable = kernel_impl._get_global_vars) -> dict[str, Any]:
+    """Return the global and free variables of a function, as Taichi does, with stand-ins for the free ones."""
+    if _free and _free[-1][0] is function:
+        return {**function.__globals__, **_free[-1][1]}
+    return plain(function)
+
+
+class View:
+    """Stand-in for a field."""
+
+    _data_oriented = True
+
+    def __init__(self, trace: Trace, index: int, field: Field):
+        self._trace, self._index, self._field = trace, index, field
+        self.n, self.m, self.dtype = field.n, 1, field.dtype
+
+    @property
+    def __class__(self) -> Any:  # pyright: ignore
+        return Field
+
+    @property
+    def shape(self) -> tuple:
+        return self._trace.wrap(self._index, getattr, "shape", self._field.shape)
+
+    def _steps(self) -> tuple:
+        trace, layout = self._trace, self._field.layout
+        if id(layout) not in trace.first_layouts:
+            trace.keep.append(layout)
+            place = trace.node(self._index, getattr, "layout", layout, None)
+            trace.first_layouts[id(layout)] = place
+        else:
+            place = trace.first_layouts[id(layout)]
+            if ("layout", self._index) not in trace.seen:
+                own = trace.node(self._index, getattr, "layout", layout, None)
+                trace.seen["layout", self._index] = own
+                trace.alike(place, own)
+        return trace.wrap(place, getattr, "steps", layout.steps)
+
+    def __getitem__(self, I: Any) -> Any:
+        array = self._trace.array(self._index, self._field)
+        if (
+            hasattr(I, "place")
+            and self._field.layout.first_axis_contiguous
+            and I.n == len(self._field.shape) > 1
+        ):
+            return impl.subscript(None, array, I.place(self))
+        indices = _indices(I)
+        dim = len(self._field.shape)
+        if len(indices) != dim:
+            raise IndexError(f"{len(indices)} indices for a field of {dim} axes")
+        if dim == 0:
+            return impl.subscript(None, array, 0)
+        if dim == 1:
+            return impl.subscript(None, array, indices[0])
+        steps = self._steps()
+        contiguous = 0 if self._field.layout.first_axis_contiguous else dim - 1
+        at = indices[contiguous]
+        for d in range(dim) if contiguous == 0 else range(dim - 1, -1, -1):
+            if d != contiguous:
+                at = at + indices[d] * steps[d]
+        return impl.subscript(None, array, at)
+
+
+def _indices(I: Any) -> list[Any]:
+    if I is None:
+        return []
+    if hasattr(I, "component"):
+        return [I.component(d) for d in range(I.n)]
+    if isinstance(I, Matrix):
+        return list(I.to_list())
+    if isinstance(I, Expr) and not isinstance(I, Number) and I.is_tensor():
+        builder = impl.get_runtime().compiling_callable.ast_builder()
+        return [Expr(x) for x in builder.expand_exprs([I.ptr])]
+    if isinstance(I, tuple | list):
+        return [index for part in I for index in _indices(part)]
+    return [I]
+
+
+def _host(value: Any) -> bool:
+    return isinstance(value, Number | int | float | np.integer | np.floating | bool)
+
+
+class Number(Expr):
+    """Stand-in for a number: an argument of the kernel, or a constant and a condition where the code depends on it.
+
+    Arithmetic with constants and other such numbers is done on the host, in double precision.
+    """
+
+    def __init__(self, trace: Trace, value: Any, key: Any, compute: Callable[[Values], Any]):
+        self.trace, self.value, self.key, self.compute = trace, value, key, compute
+        self.known = False
+        self.dbg_info = None
+        self.ptr_type_checked = True
+
+    def constant(self) -> Any:
+        """Return the number as a constant, and require that other parts have the same."""
+        if ("constant", self.key) not in self.trace.seen:
+            self.trace.seen["constant", self.key] = True
+            compute = self.compute
+            self.trace.steps.append((-1, _whole, compute, _Equal(self.value)))
+            self.trace.values.append(self.value)
+        return self.value
+
+    @property
+    def ptr(self) -> Any:
+        """Expression of the number: in a loop, a variable of the block, as LLVM reloads arguments after each store."""
+        scope = Block.inner()
+        if scope is None:
+            return self._argument()
+        for block in reversed(Block.stack):
+            if self.key in block.numbers:
+                return block.numbers[self.key].ptr
+        scope.numbers[self.key] = impl.expr_init(Expr(self._argument()))
+        return scope.numbers[self.key].ptr
+
+    def _argument(self) -> Any:
+        compute = self.compute
+        if isinstance(self.value, bool):
+            expression = Expr(self.trace.number(self.key, self.value, compute, taichi.i32)) != 0
+            return expression.ptr
+        if isinstance(self.value, int | np.integer):
+            return self.trace.number(self.key, self.value, lambda values: _i32(compute(values)), taichi.i32)
+        return self.trace.number(self.key, self.value, compute, taichi.f32)
+
+    @ptr.setter
+    def ptr(self, _: Any) -> None:
+        raise AttributeError
+
+    def typed(self, dtype: Any) -> Expr:
+        """Return the number as an argument of a type."""
+        return Expr(self.trace.number(self.key, self.value, self.compute, dtype))
+
+    def is_tensor(self) -> bool:
+        return False
+
+    def _derived(self, operation: Callable, *operands: Any) -> Any:
+        key = (operation, *(o.key if isinstance(o, Number) else ("is", o, type(o)) for o in operands))
+        if ("derived", key) not in self.trace.seen:
+            parts = [o.compute if isinstance(o, Number) else _constant(o) for o in operands]
+            value = operation(*(o.value if isinstance(o, Number) else o for o in operands))
+
+            def compute(values: Values) -> Any:
+                return operation(*(part(values) for part in parts))
+
+            self.trace.seen["derived", key] = Number(self.trace, value, key, compute)
+        return self.trace.seen["derived", key]
+
+    def __bool__(self) -> bool:
+        return bool(self._derived(bool, self).constant())
+
+    def __index__(self) -> int:
+        return operator.index(self.constant())
+
+    def __int__(self) -> int:
+        return int(self.constant())
+
+    def __float__(self) -> float:
+        return float(self.constant())
+
+    def __hash__(self) -> int:
+        return hash(self.constant())
+
+    def __neg__(self) -> Any:
+        return self._derived(operator.neg, self)
+
+    def __abs__(self) -> Any:
+        return self._derived(abs, self)
+
+    def __truediv__(self, other: Any) -> Any:
+        return self._derived(operator.truediv, self, other) if _host(other) else super().__truediv__(other)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        if _host(other):
+            return self._derived(operator.truediv, other, self)
+        if isinstance(self.value, float | np.floating):
+            return other * self._derived(_reciprocal, self)
+        return super().__rtruediv__(other)
+
+
+class Block:
+    """Block of a kernel that is traced: the body of a loop, or of an `if`, with the numbers already loaded there."""
+
+    stack: ClassVar[list["Block"]] = []
+
+    def __init__(self, is_loop: bool):
+        self.is_loop = is_loop
+        self.numbers: dict[Any, Expr] = {}
+
+    @staticmethod
+    def inner() -> "Block | None":
+        """Return the innermost block if it is the body of a loop."""
+        return Block.stack[-1] if Block.stack and Block.stack[-1].is_loop else None
+
+    @staticmethod
+    def of(node: ast.AST) -> "Block | None":
+        """Return a new block if an AST node has one; static loops and branches are unrolled into the block around."""
+        if isinstance(node, ast.For):
+            return None if _is_static(node.iter) else Block(True)
+        if isinstance(node, ast.While):
+            return Block(False)
+        if isinstance(node, ast.If):
+            return None if _is_static(node.test) else Block(False)
+        return None
+
+
+def _is_static(node: ast.AST) -> bool:
+    return isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "static"
+
+
+def _reciprocal(value: float) -> float:
+    with np.errstate(divide="ignore"):
+        return float(np.float32(1.0) / np.float32(value))
+
+
+def _constant(value: Any) -> Callable[[Values], Any]:
+    return lambda values: value
+
+
+def _whole(values: Values, compute: Callable[[Values], Any]) -> Any:
+    return compute(values)
+
+
+def _i32(value: int) -> int:
+    value = int(value)
+    return value - (1 << 32) if value >= 1 << 31 else value
+
+
+def _operator(name: str, operation: Callable, reflected: bool) -> None:
+    plain = getattr(Expr, name)
+
+    def method(self: Number, other: Any) -> Any:
+        if _host(other):
+            return (
+                self._derived(operation, other, self) if reflected else self._derived(operation, self, other)
+            )
+        if isinstance(other, list | tuple):
+            return operation(other, self.constant())
+        return plain(self, other)
+
+    setattr(Number, name, method)
+
+
+for _name, _op in {
+    "add": operator.add, "sub": operator.sub, "mul": operator.mul, "mod": operator.mod, "pow": operator.pow,
+    "floordiv": operator.floordiv, "and": operator.and_, "or": operator.or_, "xor": operator.xor,
+    "lshift": operator.lshift, "rshift": operator.rshift,
+}.items():  # fmt: skip
+    _operator(f"__{_name}__", _op, False)
+    _operator(f"__r{_name}__", _op, True)
+for _name, _op in {
+    "eq": operator.eq, "ne": operator.ne, "lt": operator.lt, "le": operator.le, "gt": operator.gt, "ge": operator.ge,
+}.items():  # fmt: skip
+    _operator(f"__{_name}__", _op, False)
+
+
+# ---------------------------------------------------------------- Taichi's own code while a kernel is traced
+
+
+def _subscript(
+    builder: Any, value: Any, *indices: Any, plain: Callable = impl.subscript, **named: Any
+) -> Any:
+    """Subscript as Taichi does; a number that selects a vector's component, or a tuple's entry, is a constant."""
+    if hasattr(value, "component") and len(indices) == 1 and isinstance(indices[0], int | Number):
+        return value.component(operator.index(indices[0]))
+    if type(value) is Field:  # reached through a global variable: always this field
+        value = Trace.current.fixed(value)
+    if type(value) in (tuple, list, dict) or (isinstance(value, Expr) and not isinstance(value, Number)):
+        indices = tuple(index.constant() if isinstance(index, Number) else index for index in indices)
+    return plain(builder, value, *indices, **named)
+
+
+_PLAIN_STATIC = impl.static
+
+
+def static(x: Any, *xs: Any, plain: Callable = impl.static) -> Any:
+    """Evaluate at compile time, as Taichi does; stand-ins stay what they are."""
+    if xs:
+        return [static(x), *(static(y) for y in xs)]
+    if type(x) in (Number, Part, View, Function):
+        return x
+    return plain(x)
+
+
+def _build_name(ctx: Any, node: ast.Name, plain: Callable = ASTTransformer.build_Name) -> Any:
+    value = ctx.get_var_by_name(node.id)
+    if isinstance(value, Number):
+        node.ptr = value  # type: ignore[attr-defined]
+        return value
+    return plain(ctx, node)
+
+
+def _logical_and(a: Any, b: Any, plain: Callable = taichi.lang.ops.logical_and) -> Any:
+    if a is True:
+        return b
+    return plain(a, b)
+
+
+def _build_compare(ctx: Any, node: ast.Compare, plain: Callable = ASTTransformer.build_Compare) -> Any:
+    """Build a comparison as Taichi does; numbers of parts are compared on the host."""
+    from taichi.lang.ast.ast_transformer import build_stmt, build_stmts
+
+    if len(node.ops) == 1 and type(node.ops[0]) in _COMPARISONS:
+        build_stmt(ctx, node.left)
+        build_stmts(ctx, node.comparators)
+        left, right = node.left.ptr, node.comparators[0].ptr  # type: ignore[attr-defined]
+        if (isinstance(left, Number) or isinstance(right, Number)) and _host(left) and _host(right):
+            node.ptr = _COMPARISONS[type(node.ops[0])](left, right)  # type: ignore[attr-defined]
+            return node.ptr  # type: ignore[attr-defined]
+    return plain(ctx, node)
+
+
+_COMPARISONS = {
+    ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Lt: operator.lt, ast.LtE: operator.le,
+    ast.Gt: operator.gt, ast.GtE: operator.ge,
+}  # fmt: skip
+
+
+def _build_call_if_is_type(
+    ctx: Any, node: Any, args: Any, keywords: Any, plain: Callable = ASTTransformer.build_call_if_is_type
+) -> bool:
+    if (
+        len(args) == 1
+        and isinstance(args[0], Number)
+        and id(node.func.ptr) in taichi.types.primitive_types.type_ids
+    ):
+        node.ptr = args[0].typed(node.func.ptr)
+        return True
+    return plain(ctx, node, args, keywords)
+
+
+def _build_call_if_is_builtin(
+    ctx: Any, node: Any, args: Any, keywords: Any, plain: Callable = ASTTransformer.build_call_if_is_builtin
+) -> bool:
+    """Call Python's own functions of numbers of parts on the host."""
+    numbers = [arg for arg in args if isinstance(arg, Number)]
+    if numbers and node.func.ptr in (min, max, int, float, bool, pow) and all(map(_host, args)):
+        node.ptr = numbers[0]._derived(node.func.ptr, *args)
+        return True
+    return plain(ctx, node, args, keywords)
+
+
+ASTTransformer.build_call_if_is_builtin = staticmethod(_build_call_if_is_builtin)
+static.__module__ = impl.__name__  # Taichi warns of calls of other functions
+impl.subscript = _subscript
+for _module in [module for name, module in sys.modules.items() if name.split(".")[0] == "taichi"]:
+    if vars(_module).get("static") is _PLAIN_STATIC:
+        _module.static = static  # type: ignore[attr-defined]
+kernel_impl._get_global_vars = _global_variables
+ASTTransformer.build_Name = staticmethod(_build_name)
+ASTTransformer.build_Compare = staticmethod(_build_compare)
+ASTTransformer.build_call_if_is_type = staticmethod(_build_call_if_is_type)
