@@ -23,7 +23,8 @@ from taichi.lang.ast.ast_transformer import ASTTransformer
 from taichi.lang.expr import Expr
 from taichi.lang.field import Field as TaichiField
 from taichi.lang.kernel_impl import Func
-from taichi.lang.matrix import Matrix
+from taichi.lang.matrix import Matrix, MatrixType
+from taichi.lang.struct import StructType
 
 from taichi_plume.engine.fields import Field
 

@@ -51,6 +51,10 @@ def first_tick(config: Path, arch: str = "cpu") -> int:
     except ImportError:  # older checkouts
         from taichi_plume.assemble import assemble  # pyright: ignore[reportMissingImports]
     try:
+        from taichi_plume.engine import program
+    except ImportError:  # older checkouts
+        from taichi_plume.grid import kernels as program
+    try:
         scenario = load_scenario(config, ["warm_up=0"])
     except ValueError:  # a scenario that requires a warm-up
         scenario = load_scenario(config)
@@ -60,7 +64,7 @@ def first_tick(config: Path, arch: str = "cpu") -> int:
     sim.advance()
     ti.sync()
     kernels_of_runtime = impl.get_runtime().kernels
-    if compiled := getattr(kernels_of_runtime, "compiled", 0):
+    if compiled := program.compiled():
         return compiled
     # a checkout without `grid.engine`
     return sum(len(kernel.compiled_kernels) for kernel in kernels_of_runtime)
