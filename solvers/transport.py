@@ -167,7 +167,7 @@ class Transport:
         """Return dq/dt of cell I by the fluxes of this stage, added to the sum over the previous stages."""
         net = ti.cast(0.0, ti.f64)
         for d in ti.static(range(self.dim)):
-            for side in range(2):  # not unrolled by Taichi, to halve the compile time; LLVM unrolls the loop
+            for side in ti.static(range(2)):
                 flux = self._face_flux(I + side * ti.Vector.unit(self.dim, d, ti.i32), d)
                 net += ti.cast((1 - 2 * side) * flux, ti.f64)
         rate = ti.cast(net, ti.f32) * self.per_length

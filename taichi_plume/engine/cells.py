@@ -4,38 +4,33 @@ Neighbours ``I + D`` of a cell are found by adding a step to the cell's place, w
 cells. Vectors of three numbers would be multiplied by the steps at each access.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import reduce
 from typing import Any
 
 import taichi
 from taichi.lang import impl, matrix
 from taichi.lang.expr import Expr
 
-from taichi_plume.engine.trace import _PLAIN, Block, Number, Trace, View
+from taichi_plume.engine.trace import _PLAIN, Components, Number, View
 
 
-class Index(Expr):
-    """Index whose components are known while a kernel is traced; used otherwise, it is a vector."""
+MOST = (1 << 30) - 1
+"""Largest place in the memory of a field, in entries."""
+
+
+class Index(Components):
+    """Index of a cell, or difference of two."""
 
     _data_oriented = True  # assigned and given to functions as it is
+    dtype = taichi.i32
 
     def __init__(self, components: Sequence[Any]):
-        self.components = list(components)
+        self.components, self.n = list(components), len(components)
         self.dbg_info, self.ptr_type_checked = None, True
-
-    @property
-    def ptr(self) -> Any:
-        return matrix.make_matrix([self.component(d) for d in range(self.n)], dt=taichi.i32).ptr
-
-    @property
-    def n(self) -> int:
-        return len(self.components)
 
     def component(self, d: int) -> Any:
         return self.components[d]
-
-    def is_tensor(self) -> bool:
-        return True
 
 
 class Shift(Index):
@@ -62,17 +57,25 @@ class Shift(Index):
 
 
 class Cell(Index):
-    """Index of a cell: `origin`, the components of another cell with a place in memory, and the steps from there."""
+    """Index of a cell: `origin`, the components of the first cell of a row or strip, and the steps from there.
 
-    def __init__(self, origin: Sequence[Any], shift: Sequence[Any]):
+    along: steps along the axis of the row, a loop variable, and that axis. places: the first cell's places in the
+    memory of fields, by their layouts.
+    """
+
+    def __init__(
+        self, origin: Sequence[Any], shift: Sequence[Any], places: dict[int, Any], along: tuple[Any, int] = (0, 0)
+    ):
         super().__init__(origin)
-        self.origin, self.shift = origin, shift
+        self.origin, self.shift, self.places, self.along = origin, shift, places, along
 
     def component(self, d: int) -> Any:
-        return taichi.cast(_sum(self.origin[d], self.shift[d]), taichi.i32)  # a value, not a variable
+        n, axis = self.along
+        return taichi.cast(_total([self.origin[d], self.shift[d], n if d == axis else 0]), taichi.i32)  # a value
 
     def moved(self, shift: Sequence[Any]) -> "Cell":
-        return Cell(self.origin, [_sum(a, b) for a, b in zip(self.shift, shift, strict=True)])
+        steps = [_sum(a, b) for a, b in zip(self.shift, shift, strict=True)]
+        return Cell(self.origin, steps, self.places, self.along)
 
     def __add__(self, other: Any) -> Any:
         if type(other) is Shift:
@@ -86,22 +89,21 @@ class Cell(Index):
             return self.moved((-other).components)
         return self.moved([_scaled(other, -1)] * self.n) if _scalar(other) else super().__sub__(other)
 
-    def place(self, view: View) -> Any:
-        """Return the cell's place in a field's memory, in entries."""
-        steps, layout = view._steps(), view._field.layout
-        key = ("place", id(self.origin), id(layout))
-        place = next((block.numbers[key] for block in reversed(Block.stack) if key in block.numbers), None)
+    def place_in(self, view: View) -> Any:
+        """Return the cell's place in the memory of a field."""
+        steps = (1, *view.steps()[1:]) if view._field.layout.first_axis_contiguous else view.steps()
+        n, axis = self.along
+        place = self.places.get(id(view._field.layout))
         if place is None:
-            place = 0
-            for entry, step in zip(self.origin, (1, *steps[1:]), strict=True):
-                place = _sum(place, _scaled(entry, step))
-            if Block.inner() is not None:
-                place = impl.expr_init(place)
-                Block.stack[-1].numbers[key] = place
-                Trace.current.keep.append(self.origin)
-        for d in range(1, self.n):
-            place = _sum(place, _scaled(self.shift[d], steps[d]))
-        return _sum(place, self.shift[0])
+            place = _total(map(_scaled, self.origin, steps))
+        place = _total([place, *map(_scaled, self.shift, steps)])
+        if isinstance(n, int) or axis or not isinstance(self.shift[axis], int):
+            return _sum(place, _scaled(n, steps[axis]))
+        return (place & MOST) + n  # in a range from which LLVM sees that a strip does not wrap around
+
+
+def _total(terms: Iterable[Any]) -> Any:
+    return reduce(_sum, terms, 0)
 
 
 def _scalar(value: Any) -> bool:
@@ -113,9 +115,9 @@ def _scalar(value: Any) -> bool:
 def _scaled(a: Any, b: Any) -> Any:
     if isinstance(a, int) and isinstance(b, int):
         return a * b
-    for one, other in ((a, b), (b, a)):
-        if isinstance(one, int) and one in (0, 1):
-            return other * one if one else 0
+    for factor, other in ((a, b), (b, a)):
+        if isinstance(factor, int) and factor in (0, 1):
+            return other if factor else 0
     return a * b
 
 
@@ -133,11 +135,12 @@ def macro(function: Callable) -> Callable:
 
 
 @macro
-def row(others: Any, like: Sequence[Any], dim: int = 0, axis: int = 0) -> Cell:
+def row(others: Any, like: Sequence[Any], dim: int = 0, axis: int = 0, first: Any = 0) -> Cell:
     """Return the first cell of a row along an axis, with its place in the memory of fields like these.
 
     others: index of the row, last axis first, more entries than needed are allowed: a vector of which the first ones
-    count, or a tuple of which the last ones count. dim: number of axes, by default those of the fields.
+    count, or a tuple of which the last ones count. dim: number of axes, by default those of the fields. first: index
+    along the axis.
     """
     dim = int(dim) or len(like[0]._field.shape)
     if isinstance(others, tuple):
@@ -145,17 +148,17 @@ def row(others: Any, like: Sequence[Any], dim: int = 0, axis: int = 0) -> Cell:
     else:
         entries = [impl.subscript(None, others, n) for n in range(dim - 1)]
     origin = [impl.expr_init(entry) for entry in reversed(entries)]
-    origin.insert(int(axis), 0)
-    cell = Cell(origin, [0] * dim)
+    origin.insert(int(axis), first)
+    cell = Cell(origin, [0] * dim, {})
     for view in like:
-        cell.place(view)
+        cell.places[id(view._field.layout)] = impl.expr_init(cell.place_in(view))
     return cell
 
 
 @macro
-def along(cell: Cell, i: Any, axis: int = 0) -> Cell:
-    """Return the cell that is i cells further along an axis."""
-    return cell.moved([i if d == int(axis) else 0 for d in range(cell.n)])
+def along(cell: Cell, n: Any, axis: int = 0) -> Cell:
+    """Return the cell that is n cells further along an axis."""
+    return Cell(cell.origin, cell.shift, cell.places, (n, int(axis)))
 
 
 def _unit(n: int, i: int, dt: Any = None, plain: Callable = taichi.Vector.unit) -> Any:

@@ -34,33 +34,39 @@ class Layout:
         ]
         self.steps = tuple(steps)
         """Distance in memory between neighbours along each axis, in entries."""
+        self.length = prod(self.shape)
 
 
 class Field:
     """Field of numbers, or of vectors of n numbers, over a layout. Inside kernels, ``field[I]``.
 
-    On the host ``values`` is an array with the field's shape, and a last axis over the components of vectors: on a CPU
-    the memory itself, elsewhere a copy.
+    Vectors lie side by side in memory or, over a layout with a contiguous first axis, their components lie apart, so
+    that loops along this axis are vectorised. On the host ``values`` is an array with the field's shape, and a last
+    axis over the components of vectors: on a CPU the memory itself, elsewhere a copy.
     """
 
     def __init__(self, dtype: Any, layout: Layout, n: int = 0):
         self.dtype, self.layout, self.n = dtype, layout, n
         self.shape = layout.shape
-        length = prod(self.shape)
-        kind = KINDS[dtype]
+        self.apart = n > 0 and layout.first_axis_contiguous
+        length = layout.length
+        self._shape = (n * length,) if self.apart else (length, n) if n else (length,)
         if on_cpu():
-            self.flat: Any = np.zeros((length, n) if n else length, kind)
+            self.flat: Any = np.zeros(self._shape, KINDS[dtype])
             self.memory = self.flat
         else:
             self.flat = None
-            self.memory = taichi.Vector.ndarray(n, dtype, length) if n else taichi.ndarray(dtype, length)
+            several = len(self._shape) == 2
+            self.memory = (
+                taichi.Vector.ndarray(n, dtype, length) if several else taichi.ndarray(dtype, *self._shape)
+            )
             self.memory.fill(0)
 
     def _shaped(self, flat: np.ndarray) -> np.ndarray:
-        if self.layout.first_axis_contiguous and len(self.shape) > 1:
-            turned = flat.reshape((*self.shape[::-1], *flat.shape[1:]))
-            axes = (*range(len(self.shape) - 1, -1, -1), *range(len(self.shape), turned.ndim))
-            return turned.transpose(axes)
+        """Return the view of the memory, or of a copy of it, that has the field's shape."""
+        if self.apart or (self.layout.first_axis_contiguous and len(self.shape) > 1):
+            turned = flat.reshape((*((self.n,) if self.apart else ()), *self.shape[::-1]))
+            return turned.transpose()
         return flat.reshape((*self.shape, *flat.shape[1:]))
 
     @property
@@ -77,7 +83,7 @@ class Field:
         if self.flat is not None:
             self._shaped(self.flat)[...] = values
             return
-        flat = np.empty((prod(self.shape), self.n) if self.n else prod(self.shape), KINDS[self.dtype])
+        flat = np.empty(self._shape, KINDS[self.dtype])
         self._shaped(flat)[...] = values
         self.memory.from_numpy(flat)
 

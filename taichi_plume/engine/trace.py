@@ -12,7 +12,7 @@ import operator
 import sys
 import types
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import taichi
@@ -23,7 +23,7 @@ from taichi.lang.ast.ast_transformer import ASTTransformer
 from taichi.lang.expr import Expr
 from taichi.lang.field import Field as TaichiField
 from taichi.lang.kernel_impl import Func
-from taichi.lang.matrix import Matrix, MatrixType
+from taichi.lang.matrix import Matrix, MatrixType, make_matrix
 from taichi.lang.struct import StructType
 
 from taichi_plume.engine.fields import Field
@@ -131,7 +131,7 @@ class Trace:
         place = ("field", id(field))
         if place not in self.arguments:
             self.keep.append(field)
-            array = declare_array(field.dtype, field.n, 1, f"f{len(self.arguments)}")
+            array = declare_array(field.dtype, 0 if field.apart else field.n, 1, f"f{len(self.arguments)}")
             self.arguments[place] = array, lambda values: values[index], "field"
             self.seen["first", id(field)] = index
         else:
@@ -409,49 +409,52 @@ class View:
     def shape(self) -> tuple:
         return self._trace.wrap(self._index, getattr, "shape", self._field.shape)
 
-    def _steps(self) -> tuple:
+    def _layout(self) -> int:
+        """Return the node of the layout; fields that share it have the same steps."""
         trace, layout = self._trace, self._field.layout
         if id(layout) not in trace.first_layouts:
             trace.keep.append(layout)
-            place = trace.node(self._index, getattr, "layout", layout, None)
-            trace.first_layouts[id(layout)] = place
-        else:
-            place = trace.first_layouts[id(layout)]
-            if ("layout", self._index) not in trace.seen:
-                own = trace.node(self._index, getattr, "layout", layout, None)
-                trace.seen["layout", self._index] = own
-                trace.alike(place, own)
-        return trace.wrap(place, getattr, "steps", layout.steps)
+            trace.first_layouts[id(layout)] = trace.node(self._index, getattr, "layout", layout, None)
+        elif ("layout", self._index) not in trace.seen:
+            trace.seen["layout", self._index] = own = trace.node(self._index, getattr, "layout", layout, None)
+            trace.alike(trace.first_layouts[id(layout)], own)
+        return trace.first_layouts[id(layout)]
 
-    def __getitem__(self, I: Any) -> Any:
-        array = self._trace.array(self._index, self._field)
-        if (
-            hasattr(I, "place")
-            and self._field.layout.first_axis_contiguous
-            and I.n == len(self._field.shape) > 1
-        ):
-            return impl.subscript(None, array, I.place(self))
-        indices = _indices(I)
-        dim = len(self._field.shape)
+    def steps(self) -> tuple:
+        """Return the distances in memory between neighbours along each axis."""
+        return self._trace.wrap(self._layout(), getattr, "steps", self._field.layout.steps)
+
+    def length(self) -> Any:
+        """Return the number of entries."""
+        return self._trace.wrap(self._layout(), getattr, "length", self._field.layout.length)
+
+    def place(self, I: Any) -> Any:
+        """Return the place of an entry in the memory, in entries."""
+        if hasattr(I, "place_in"):
+            return I.place_in(self)
+        indices, layout = _indices(I), self._field.layout
+        dim = len(layout.shape)
         if len(indices) != dim:
             raise IndexError(f"{len(indices)} indices for a field of {dim} axes")
-        if dim == 0:
-            return impl.subscript(None, array, 0)
-        if dim == 1:
-            return impl.subscript(None, array, indices[0])
-        steps = self._steps()
-        contiguous = 0 if self._field.layout.first_axis_contiguous else dim - 1
-        at = indices[contiguous]
-        for d in range(dim) if contiguous == 0 else range(dim - 1, -1, -1):
-            if d != contiguous:
-                at = at + indices[d] * steps[d]
-        return impl.subscript(None, array, at)
+        if dim < 2:
+            return indices[0] if dim else 0
+        axes = range(dim) if layout.first_axis_contiguous else range(dim - 1, -1, -1)
+        at = indices[axes[0]]
+        for d in axes[1:]:
+            at = at + indices[d] * self.steps()[d]
+        return at
+
+    def __getitem__(self, I: Any) -> Any:
+        array, place = self._trace.array(self._index, self._field), self.place(I)
+        if self._field.apart:
+            return Entries(array, place, self.length(), self.n)
+        return impl.subscript(None, array, place)
 
 
 def _indices(I: Any) -> list[Any]:
     if I is None:
         return []
-    if hasattr(I, "component"):
+    if isinstance(I, Components):
         return [I.component(d) for d in range(I.n)]
     if isinstance(I, Matrix):
         return list(I.to_list())
@@ -461,6 +464,38 @@ def _indices(I: Any) -> list[Any]:
     if isinstance(I, tuple | list):
         return [index for part in I for index in _indices(part)]
     return [I]
+
+
+class Components(Expr):
+    """Vector whose components are known while a kernel is traced; used otherwise, it is a vector of Taichi."""
+
+    n = 0
+    dtype: Any = None
+
+    def component(self, d: int) -> Any:
+        raise NotImplementedError
+
+    @property
+    def ptr(self) -> Any:
+        return make_matrix([self.component(d) for d in range(self.n)], self.dtype).ptr
+
+    def is_tensor(self) -> bool:
+        return True
+
+
+class Entries(Components):
+    """Vector of a field whose components lie apart."""
+
+    def __init__(self, array: AnyArray, place: Any, length: Any, n: int):
+        self.array, self.at, self.length, self.n = array, place, length, n
+        self.dbg_info, self.ptr_type_checked = None, True
+
+    def component(self, d: int) -> Any:
+        return impl.subscript(None, self.array, self.at + d * self.length if d else self.at)
+
+    def _assign(self, other: Any) -> None:
+        for d in range(self.n):
+            self.component(d)._assign(impl.subscript(None, other, d))
 
 
 def _host(value: Any) -> bool:
@@ -490,15 +525,7 @@ class Number(Expr):
 
     @property
     def ptr(self) -> Any:
-        """Expression of the number: in a loop, a variable of the block, as LLVM reloads arguments after each store."""
-        scope = Block.inner()
-        if scope is None:
-            return self._argument()
-        for block in reversed(Block.stack):
-            if self.key in block.numbers:
-                return block.numbers[self.key].ptr
-        scope.numbers[self.key] = impl.expr_init(Expr(self._argument()))
-        return scope.numbers[self.key].ptr
+        return self._argument()
 
     def _argument(self) -> Any:
         compute = self.compute
@@ -564,36 +591,6 @@ class Number(Expr):
         return super().__rtruediv__(other)
 
 
-class Block:
-    """Block of a kernel that is traced: the body of a loop, or of an `if`, with the numbers already loaded there."""
-
-    stack: ClassVar[list["Block"]] = []
-
-    def __init__(self, is_loop: bool):
-        self.is_loop = is_loop
-        self.numbers: dict[Any, Expr] = {}
-
-    @staticmethod
-    def inner() -> "Block | None":
-        """Return the innermost block if it is the body of a loop."""
-        return Block.stack[-1] if Block.stack and Block.stack[-1].is_loop else None
-
-    @staticmethod
-    def of(node: ast.AST) -> "Block | None":
-        """Return a new block if an AST node has one; static loops and branches are unrolled into the block around."""
-        if isinstance(node, ast.For):
-            return None if _is_static(node.iter) else Block(True)
-        if isinstance(node, ast.While):
-            return Block(False)
-        if isinstance(node, ast.If):
-            return None if _is_static(node.test) else Block(False)
-        return None
-
-
-def _is_static(node: ast.AST) -> bool:
-    return isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "static"
-
-
 def _reciprocal(value: float) -> float:
     with np.errstate(divide="ignore"):
         return float(np.float32(1.0) / np.float32(value))
@@ -647,7 +644,7 @@ def _subscript(
     builder: Any, value: Any, *indices: Any, plain: Callable = impl.subscript, **named: Any
 ) -> Any:
     """Subscript as Taichi does; a number that selects a vector's component, or a tuple's entry, is a constant."""
-    if hasattr(value, "component") and len(indices) == 1 and isinstance(indices[0], int | Number):
+    if isinstance(value, Components) and len(indices) == 1 and isinstance(indices[0], int | Number):
         return value.component(operator.index(indices[0]))
     if type(value) is Field:  # reached through a global variable: always this field
         value = Trace.current.fixed(value)

@@ -22,7 +22,6 @@ from taichi.lang.ast import ast_transformer_utils
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext, Builder
 
 from taichi_plume.engine import ti
-from taichi_plume.engine.trace import Block
 
 TAICHI = str(Path(ti.__file__).parent)
 
@@ -112,17 +111,12 @@ def building(plain: Callable) -> Callable:
             return plain(self, ctx, node)
         stack = impl.get_runtime().src_info_stack
         stack.append(ctx.get_pos_info(node) if placed else "")
-        block = Block.of(node)
-        if block is not None:
-            Block.stack.append(block)
         try:
             return method(ctx, node)
         except Exception as error:
             return plain(_Failing(error), ctx, node)
         finally:
             stack.pop()
-            if block is not None:
-                Block.stack.pop()
 
     return build
 

@@ -57,23 +57,23 @@ def sweep(bodies: Sequence[Callable], outs: Sequence[Field | tuple[Field, ...]],
     @ti.func
     def strip(row: Template, k, a, b):
         first = begin + k * width
-        here = ti.row(row, (outs[0][0],), dim, axis)
+        here = ti.row(row, (outs[0][0],), dim, axis, first)
         for q in ti.static(pairs):
-            count = ti.min(width, own[q][axis][1] - first)
+            count = ti.min(STRIP, width, own[q][axis][1] - first)
             for n, d in ti.static(enumerate(others)):
                 if ti.static(own[q][d] != whole[d]):
                     count = ti.select(row[n] < own[q][d][1], count, 0)
             values = ti.Vector([0.0] * STRIP * ti.static(len(outs[q])))
             for n in range(count):
                 if ti.static(len(outs[q]) == 1):
-                    values[n] = bodies[q](ti.along(here, first + n, axis), a, b)
+                    values[n] = bodies[q](ti.along(here, n, axis), a, b)
                 else:
-                    several = bodies[q](ti.along(here, first + n, axis), a, b)
+                    several = bodies[q](ti.along(here, n, axis), a, b)
                     for m in ti.static(range(len(outs[q]))):
                         values[n + STRIP * m] = several[m]
             for m in ti.static(range(len(outs[q]))):
                 for n in range(count):
-                    outs[q][m][ti.along(here, first + n, axis)] = values[n + STRIP * m]
+                    outs[q][m][ti.along(here, n, axis)] = values[n + STRIP * m]
 
     @ti.func
     def by_strip(a, b):
@@ -145,15 +145,15 @@ def flux_sweep(
     @ti.func
     def column(q: Template, block, k, a, b):
         first, start = begin + k * width, low + block * BLOCK
-        count = ti.min(width, ti.static(own[q][0][1]) - first)
+        count = ti.min(STRIP, width, own[q][0][1] - first)
         for layer in range(ti.static(bottom - (dim == 3)), ti.static(tops[q])):
             below = ti.Vector([0.0] * STRIP)
             for row in range(start - 1, ti.min(start + BLOCK, ti.static(own[q][1][1]))):
                 net = ti.Vector([0.0] * STRIP)
-                here = ti.row((layer, row), (outs[q],))
+                here = ti.row((layer, row), (outs[q],), 0, 0, first)
                 if layer >= bottom:
                     for n in range(count):
-                        above = fluxes[q][1](ti.along(here, first + n) + ti.Vector.unit(dim, 1, ti.i32))
+                        above = fluxes[q][1](ti.along(here, n) + ti.Vector.unit(dim, 1, ti.i32))
                         net[n] = below[n] - above
                         below[n] = above
                 if row >= start:
@@ -161,7 +161,7 @@ def flux_sweep(
                         upper = ti.Vector([0.0] * STRIP)
                         for n in range(count):
                             upper[n] = fluxes[q][2](
-                                ti.along(here, first + n) + ti.Vector.unit(dim, 2, ti.i32)
+                                ti.along(here, n) + ti.Vector.unit(dim, 2, ti.i32)
                             )
                         for n in range(count):
                             net[n] += upward[q][row, first + n] - upper[n]
@@ -170,13 +170,13 @@ def flux_sweep(
                     if layer >= bottom:
                         along = ti.Vector([0.0] * (STRIP + 1))
                         for n in range(count):
-                            along[n] = fluxes[q][0](ti.along(here, first + n))
-                        along[count] = lasts[q](ti.along(here, first + count))
+                            along[n] = fluxes[q][0](ti.along(here, n))
+                        along[count] = lasts[q](ti.along(here, count))
                         for n in range(count):
                             total = net[n] + (along[n] - along[n + 1])
-                            net[n] = bodies[q](ti.along(here, first + n), total, a, b)
+                            net[n] = bodies[q](ti.along(here, n), total, a, b)
                         for n in range(count):
-                            outs[q][ti.along(here, first + n)] = net[n]
+                            outs[q][ti.along(here, n)] = net[n]
 
     @ti.func
     def in_order(a, b):
