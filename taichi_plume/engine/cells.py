@@ -14,7 +14,6 @@ from taichi.lang.expr import Expr
 
 from taichi_plume.engine.trace import _PLAIN, Components, Number, View
 
-
 MOST = (1 << 30) - 1
 """Largest place in the memory of a field, in entries."""
 
@@ -64,14 +63,20 @@ class Cell(Index):
     """
 
     def __init__(
-        self, origin: Sequence[Any], shift: Sequence[Any], places: dict[int, Any], along: tuple[Any, int] = (0, 0)
+        self,
+        origin: Sequence[Any],
+        shift: Sequence[Any],
+        places: dict[int, Any],
+        along: tuple[Any, int] = (0, 0),
     ):
         super().__init__(origin)
         self.origin, self.shift, self.places, self.along = origin, shift, places, along
 
     def component(self, d: int) -> Any:
         n, axis = self.along
-        return taichi.cast(_total([self.origin[d], self.shift[d], n if d == axis else 0]), taichi.i32)  # a value
+        return taichi.cast(
+            _total([self.origin[d], self.shift[d], n if d == axis else 0]), taichi.i32
+        )  # a value
 
     def moved(self, shift: Sequence[Any]) -> "Cell":
         steps = [_sum(a, b) for a, b in zip(self.shift, shift, strict=True)]
@@ -91,15 +96,18 @@ class Cell(Index):
 
     def place_in(self, view: View) -> Any:
         """Return the cell's place in the memory of a field."""
-        steps = (1, *view.steps()[1:]) if view._field.layout.first_axis_contiguous else view.steps()
+        contiguous = view._field.layout.first_axis_contiguous
+        steps = (1, *view.steps()[1:]) if contiguous else view.steps()
         n, axis = self.along
         place = self.places.get(id(view._field.layout))
         if place is None:
             place = _total(map(_scaled, self.origin, steps))
-        place = _total([place, *map(_scaled, self.shift, steps)])
-        if isinstance(n, int) or axis or not isinstance(self.shift[axis], int):
-            return _sum(place, _scaled(n, steps[axis]))
-        return (place & MOST) + n  # in a range from which LLVM sees that a strip does not wrap around
+        place = _total(
+            [place, *(_scaled(k, step) for k, step in zip(self.shift[1:], steps[1:], strict=True))]
+        )
+        if contiguous and axis == 0 and not isinstance(n, int) and isinstance(self.shift[0], int):
+            return (place & MOST) + _sum(n, self.shift[0])  # LLVM sees that a strip does not wrap around
+        return _total([place, _scaled(self.shift[0], steps[0]), _scaled(n, steps[axis])])
 
 
 def _total(terms: Iterable[Any]) -> Any:

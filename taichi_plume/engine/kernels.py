@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import taichi
+from taichi._lib import core
 from taichi.lang import impl, kernel_arguments, kernel_impl
 from taichi.lang.ast.ast_transformer import build_stmts
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
@@ -128,11 +129,16 @@ class Bound:
         self.kernel, self.instance = kernel, instance
         self.program = instance.program
         self.extra = [(compute(values), setter) for compute, setter in instance.extra]
-        self.setters = [_argument_setter(kind) for kind in kernel.scalar_annotations]
+        self.setters = [(_argument_setter(kind), (n,)) for n, kind in enumerate(kernel.scalar_annotations)]
         self.returns = kernel.shell.return_type
         self.first = len(self.setters)
         self.reusable = on_cpu()
         self.context = self._context() if self.reusable else None
+
+    @property
+    def usable(self) -> bool:
+        """Whether Taichi has not been restarted."""
+        return self.program is impl.get_runtime().prog
 
     def _context(self) -> Any:
         context = self.instance.traced.make_launch_context()
@@ -145,8 +151,8 @@ class Bound:
 
     def __call__(self, *arguments: Any) -> Any:
         context = self.context or self._context()
-        for n, argument in enumerate(arguments):
-            self.setters[n](context, (n,), argument)
+        for (put, place), argument in zip(self.setters, arguments, strict=True):
+            put(context, place, argument)
         self.program.launch_kernel(self.instance.compiled, context)
         if self.returns:
             if not self.reusable:
@@ -179,12 +185,7 @@ def _argument_setter(kind: Any) -> Callable[[Any, tuple[int], Any], None]:
                 context.set_struct_arg_float((*n, k), float(value[k]))
 
         return put
-    setter = _setter(cook_dtype(SCALARS.get(kind, kind)))
-    if setter == "float":
-        return lambda context, n, value: context.set_arg_float(n, float(value))
-    if setter == "uint":
-        return lambda context, n, value: context.set_arg_uint(n, int(value))
-    return lambda context, n, value: context.set_arg_int(n, int(value))
+    return getattr(core.KernelLaunchContext, f"set_arg_{_setter(cook_dtype(SCALARS.get(kind, kind)))}")
 
 
 class Kernel:
@@ -240,7 +241,7 @@ class Kernel:
         known = {} if home is None else home.setdefault("_bound", {})
         key = (id(self), *(part if isinstance(part, _CONSTANTS) else id(part) for part in parts))
         bound = known.get(key)
-        if bound is None or bound.program is not impl.get_runtime().prog:
+        if bound is None or not bound.usable:
             bound = known[key] = self.bind(*parts, arguments=rest, key=type(parts[0]) if parts else None)
         return bound(*rest)
 

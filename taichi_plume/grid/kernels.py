@@ -6,8 +6,6 @@ from itertools import groupby
 from math import prod
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from taichi.lang import impl
-
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field, on_cpu
 from taichi_plume.engine.kernels import Kernel, data_flow_by_llvm
@@ -95,7 +93,7 @@ def _launcher(passes: Sequence[Pass]) -> Callable[..., None]:
 
     def run(a: float = 0.0, b: float = 0.0) -> None:
         nonlocal bound
-        if bound is None or bound.program is not impl.get_runtime().prog:
+        if bound is None or not bound.usable:
             if not is_running():
                 raise EngineError
             bound = _PASSES.bind(parts, serial, key=tuple(raw(part.run).__code__ for part in parts))

@@ -160,9 +160,7 @@ def flux_sweep(
                     if ti.static(dim == 3):
                         upper = ti.Vector([0.0] * STRIP)
                         for n in range(count):
-                            upper[n] = fluxes[q][2](
-                                ti.along(here, n) + ti.Vector.unit(dim, 2, ti.i32)
-                            )
+                            upper[n] = fluxes[q][2](ti.along(here, n) + ti.Vector.unit(dim, 2, ti.i32))
                         for n in range(count):
                             net[n] += upward[q][row, first + n] - upper[n]
                         for n in range(count):
