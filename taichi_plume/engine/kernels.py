@@ -2,7 +2,6 @@
 
 import ast
 import inspect
-import os
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
@@ -48,7 +47,6 @@ class Instance:
                 self.program.config(), self.program.get_device_caps(), self.traced
             )
         self.steps = self.trace.steps
-        self.roots = len(parts)
         self.extra = [(compute, setter) for _, compute, setter in self.trace.arguments.values()]
         del self.trace
 
@@ -114,7 +112,6 @@ class Instance:
                 if check is not None and not (
                     values[check.other] is value if hasattr(check, "other") else check(value)
                 ):
-                    _explain(self, len(values), value, check)
                     return None
                 values.append(value)
         except (AttributeError, IndexError, KeyError, TypeError, ValueError):
@@ -277,18 +274,3 @@ def data_flow_by_llvm() -> Iterator[None]:
 def kernel(function: Callable) -> Kernel:
     """Decorator of kernels."""
     return Kernel(function)
-
-
-def _explain(instance: Instance, place: int, value: Any, check: Any) -> None:
-    """Print why an instance does not fit, if TAICHI_PLUME_TRACE is set."""
-    if not os.environ.get("TAICHI_PLUME_TRACE"):
-        return
-    path, at = [], place
-    steps, base = instance.steps, instance.roots
-    while at >= base:
-        parent, step, key, _ = steps[at - base]
-        path.append(f"{step.__name__ if hasattr(step, '__name__') else step}:{key}")
-        at = parent
-        if parent < 0:
-            break
-    print("unlike", " < ".join(path), repr(value)[:80], vars(check) if hasattr(check, "__dict__") else check)
