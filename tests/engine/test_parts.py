@@ -138,6 +138,7 @@ def test_a_component_of_a_cell_cannot_be_set():
         wrong(Field(ti.f32, Layout((3, 4), first_axis_contiguous=True)))
 
 
+@pytest.mark.cpu
 def test_fields_outlive_a_restart_of_the_engine_on_a_cpu(taichi):
     part = Part((3,))
     part.run(0.0)
