@@ -12,7 +12,7 @@ import taichi
 from taichi.lang import impl, matrix
 from taichi.lang.expr import Expr
 
-from taichi_plume.engine.trace import _PLAIN, Components, Number, View
+from taichi_plume.engine.trace import _PLAIN, Components, Number, Trace, View
 
 MOST = (1 << 30) - 1
 """Largest place in the memory of a field, in entries."""
@@ -177,3 +177,10 @@ def _unit(n: int, i: int, dt: Any = None, plain: Callable = taichi.Vector.unit) 
 
 _unit.__module__ = matrix.__name__  # Taichi warns of calls of other functions
 taichi.Vector.unit = staticmethod(_unit)
+
+
+@macro
+def load_numbers() -> None:
+    """Load the numbers of parts, which are used later, here: for a kernel that is a loop of one iteration."""
+    Trace.current.load(taichi.i32, 64)
+    Trace.current.load(taichi.f32, 16)

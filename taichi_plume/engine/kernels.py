@@ -142,6 +142,10 @@ class Bound:
         for n, (value, setter) in enumerate(self.extra, self.first):
             if setter == "field":
                 _put_field(context, n, value)
+            elif setter.startswith("struct_"):
+                put = getattr(context, f"set_struct_arg_{setter.removeprefix('struct_')}")
+                for k, number in enumerate(value):
+                    put((n, k), number)
             else:
                 getattr(context, f"set_arg_{setter}")((n,), value)
         return context

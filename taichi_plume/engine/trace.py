@@ -45,6 +45,8 @@ class Trace:
         self.steps: list[tuple[int, Callable[[Any, Any], Any], Any, Callable[[Any], bool] | None]] = []
         self.seen: dict[Any, Any] = {}
         self.arguments: dict[Any, tuple[Expr | AnyArray, Callable[[Values], Any], str]] = {}
+        self.numbers: dict[Any, Any] = {}
+        self.loaded: dict[str, Loaded] = {}
         self.first_layouts: dict[int, int] = {}
         self.keep: list[Any] = []  # so that identities stay unique during the trace
 
@@ -111,20 +113,25 @@ class Trace:
 
     # ------------------------------------------------------------ arguments
 
-    def number(self, key: Any, value: Any, compute: Callable[[Values], Any], dtype: Any) -> Any:
-        """Return the expression of a scalar argument."""
+    def number(self, key: Any, compute: Callable[[Values], Any], dtype: Any) -> Any:
+        """Return the expression of a number: one that was loaded before, or an argument."""
         place = (key, str(dtype))
-        if place not in self.arguments:
-            target = impl.get_runtime().compiling_callable
-            name = f"n{len(self.arguments)}"
-            argument = target.insert_scalar_param(dtype, name)
-            expression = Expr(
-                core.make_arg_load_expr(
-                    argument, dtype, False, create_load=True, arg_depth=0, dbg_info=core.DebugInfo()
+        if place not in self.numbers:
+            loaded = self.loaded.get(str(dtype))
+            if loaded is not None and len(loaded.members) < len(loaded.variables):
+                self.numbers[place] = loaded.take(compute)
+            else:
+                argument = impl.get_runtime().compiling_callable.insert_scalar_param(
+                    dtype, f"a{len(self.arguments)}"
                 )
-            )
-            self.arguments[place] = expression, compute, _setter(dtype)
-        return self.arguments[place][0].ptr
+                self.numbers[place] = _load(argument, dtype)
+                self.arguments[place] = self.numbers[place], compute, _setter(dtype)
+        return self.numbers[place].ptr
+
+    def load(self, dtype: Any, count: int) -> None:
+        """Load so many numbers here, before it is known which they are."""
+        self.loaded[str(dtype)] = loaded = Loaded(dtype, count, f"a{len(self.arguments)}")
+        self.arguments["loaded", str(dtype)] = loaded.structure, loaded.compute, f"struct_{_setter(dtype)}"
 
     def array(self, index: int, field: Field) -> AnyArray:
         """Return the expression of an array argument for the field at a node."""
@@ -171,6 +178,42 @@ def _setter(dtype: Any) -> str:
 
 def _same(value: Any, _: Any) -> Any:
     return value
+
+
+def _load(argument: Any, dtype: Any, whole: bool = True) -> Expr:
+    """Return the expression of a scalar argument, or of the place of a structure."""
+    return Expr(
+        core.make_arg_load_expr(argument, dtype, False, create_load=whole, arg_depth=0, dbg_info=_NOWHERE)
+    )
+
+
+_NOWHERE = core.DebugInfo()
+
+
+class Loaded:
+    """Numbers that are loaded together, in a structure: a launch costs 0.1 us per argument, and LLVM would load again
+    after each store.
+    """
+
+    def __init__(self, dtype: Any, count: int, name: str):
+        members = [(dtype, f"n{k}") for k in range(count)]
+        kind = core.get_type_factory_instance().get_struct_type(members)
+        argument = impl.get_runtime().compiling_callable.insert_scalar_param(kind, name)
+        self.structure = _load(argument, kind, whole=False)
+        elements = [
+            Expr(core.make_get_element_expr(self.structure.ptr, (k,), _NOWHERE)) for k in range(count)
+        ]
+        self.variables = [impl.expr_init(element) for element in elements]
+        self.members: list[Callable[[Values], Any]] = []
+
+    def take(self, compute: Callable[[Values], Any]) -> Expr:
+        """Return the variable of another number."""
+        self.members.append(compute)
+        return self.variables[len(self.members) - 1]
+
+    def compute(self, values: Values) -> list[Any]:
+        """Return the numbers for the values of a trace."""
+        return [compute(values) for compute in self.members]
 
 
 class _Fixed:
@@ -530,11 +573,11 @@ class Number(Expr):
     def _argument(self) -> Any:
         compute = self.compute
         if isinstance(self.value, bool):
-            expression = Expr(self.trace.number(self.key, self.value, compute, taichi.i32)) != 0
+            expression = Expr(self.trace.number(self.key, compute, taichi.i32)) != 0
             return expression.ptr
         if isinstance(self.value, int | np.integer):
-            return self.trace.number(self.key, self.value, lambda values: _i32(compute(values)), taichi.i32)
-        return self.trace.number(self.key, self.value, compute, taichi.f32)
+            return self.trace.number(self.key, lambda values: _i32(compute(values)), taichi.i32)
+        return self.trace.number(self.key, compute, taichi.f32)
 
     @ptr.setter
     def ptr(self, _: Any) -> None:
@@ -542,7 +585,7 @@ class Number(Expr):
 
     def typed(self, dtype: Any) -> Expr:
         """Return the number as an argument of a type."""
-        return Expr(self.trace.number(self.key, self.value, self.compute, dtype))
+        return Expr(self.trace.number(self.key, self.compute, dtype))
 
     def is_tensor(self) -> bool:
         return False

@@ -106,6 +106,7 @@ def _run(passes: Template, serial: Template, a: ti.f32, b: ti.f32):
     if ti.static(serial):
         ti.loop_config(serialize=True)
         for _ in range(1):
+            ti.load_numbers()
             for part in ti.static(passes):
                 part.run(a, b)
     else:
