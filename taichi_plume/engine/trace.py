@@ -12,6 +12,7 @@ import operator
 import sys
 import types
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -102,6 +103,10 @@ class Trace:
         if isinstance(value, types.FunctionType):
             index = self.node(parent, step, key, value, _Calls(value))
             return Function(self, index, value, None)
+        if isinstance(value, partial):
+            index = self.node(parent, step, key, value, _OfType(kind))
+            function = self.wrap(index, getattr, "func", value.func)
+            return function.given(self.wrap(index, getattr, "args", value.args))
         if isinstance(value, np.ndarray):
             self.node(parent, step, key, value, _EqualArray(value))
             return value
@@ -249,7 +254,9 @@ def _closed_over(function: Any, n: int) -> Any:
 
 
 def raw(function: Any) -> types.FunctionType:
-    """Return the Python function of a ti.func, or a Python function itself."""
+    """Return the Python function of a ti.func, or of a partial one, or a Python function itself."""
+    if isinstance(function, partial):
+        return raw(function.func)
     inner = getattr(function, "func", None)
     return inner.func if isinstance(inner, Func) else function
 
@@ -392,11 +399,15 @@ class Function:
 
     _data_oriented = True
 
-    def __init__(self, trace: Trace, index: int, function: Any, owner: Any):
-        self.trace, self.index, self.function, self.owner = trace, index, function, owner
+    def __init__(self, trace: Trace, index: int, function: Any, owner: Any, first: tuple = ()):
+        self.trace, self.index, self.function, self.owner, self.first = trace, index, function, owner, first
         self._is_taichi_function = True
         self.__name__ = getattr(function, "__name__", "function")
         self.func = getattr(function, "func", _PLAIN)
+
+    def given(self, first: tuple) -> "Function":
+        """Return the function with its first arguments given (partial)."""
+        return Function(self.trace, self.index, self.function, self.owner, (*self.first, *first))
 
     def free(self) -> dict[str, Any]:
         """Return the stand-ins of the function's free variables, by name."""
@@ -407,8 +418,7 @@ class Function:
         }
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
-        if self.owner is not None:
-            arguments = (self.owner, *arguments)
+        arguments = (*(() if self.owner is None else (self.owner,)), *self.first, *arguments)
         plain = raw(self.function)
         if plain is self.function:
             if plain.__closure__:

@@ -30,7 +30,10 @@ def room(draws: np.random.Generator, dim: int) -> dict:
         "duration": 1,
         "seed": int(draws.integers(100)),
         "domain": {"size": [float(n) for n in size], "spacing": float(draws.choice([0.1, 0.08]))},
-        "wind": {"kind": "cfd", "openings": [*inlets, {**opening, "face": "x+", "center": [width / 2, *across]}]},
+        "wind": {
+            "kind": "cfd",
+            "openings": [*inlets, {**opening, "face": "x+", "center": [width / 2, *across]}],
+        },
         "obstacles": [obstacle() for _ in range(draws.integers(1, 4))],
         "gas": {"kind": "eulerian", "sources": [{"position": [0.3, width / 2, *across], "rate": 2e-5}]},
         "robots": [

@@ -1,5 +1,7 @@
 """Kernels that know no room: what is compiled for another part, and what is not."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -87,6 +89,21 @@ def test_functions_of_one_source_are_one_kernel_whatever_they_close_over():
     assert summed((closing_over(fields[2], 3.0), closing_over(fields[0], 1.0)), 3) == 3 * (9.0 + 1.0)
     assert program.compiled() == before
     assert summed((closing_over(fields[2], 3.0), closing_over(fields[2], 1.0)), 3) == 3 * (9.0 + 3.0)
+
+
+@ti.func
+def weighed(field: Template, weight: Template, i):
+    return weight * field[i]
+
+
+def test_functions_with_given_parts_are_one_kernel():
+    fields = [ti.field(ti.f32, n) for n in (3, 4, 5)]
+    for n, field in enumerate(fields):
+        field.fill(n + 1.0)
+    assert summed((partial(weighed, fields[0], 2.0), partial(weighed, fields[1], 0.5)), 3) == 3 * (2.0 + 1.0)
+    before = program.compiled()
+    assert summed((partial(weighed, fields[2], 3.0), partial(weighed, fields[0], 1.0)), 2) == 2 * (9.0 + 1.0)
+    assert program.compiled() == before
 
 
 class Twin:
