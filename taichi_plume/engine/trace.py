@@ -261,6 +261,11 @@ def raw(function: Any) -> types.FunctionType:
     return inner.func if isinstance(inner, Func) else function
 
 
+def code(function: Any) -> types.CodeType:
+    """Return the code of a function or method."""
+    return raw(getattr(function, "__func__", function)).__code__
+
+
 class _Same:
     def __init__(self, other: int):
         self.other = other

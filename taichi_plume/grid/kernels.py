@@ -11,7 +11,7 @@ from taichi_plume.engine.fields import Field, on_cpu
 from taichi_plume.engine.kernels import Kernel, data_flow_by_llvm
 from taichi_plume.engine.process import EngineError
 from taichi_plume.engine.program import is_running
-from taichi_plume.engine.trace import raw
+from taichi_plume.engine.trace import code
 
 if TYPE_CHECKING:
     Template = Any
@@ -35,35 +35,41 @@ class Pass:
     cells: int
 
 
+class _Visit:
+    def __init__(
+        self, bodies: Sequence[Callable], shapes: Sequence[tuple[int, ...]], like: Sequence[Sequence[Field]]
+    ):
+        self.dim, self.pairs = len(shapes[0]), tuple(range(len(bodies)))
+        self.bodies = tuple(bodies)
+        self.like = tuple(tuple(fields) for fields in like) or ((),) * len(bodies)
+        # Axis 0 is contiguous: the innermost loop on a CPU, but for the two sides of axis 0, and neighbouring threads
+        # on a GPU.
+        self.axes = tuple(int(on_cpu() and self.dim > 1 and shape[0] == 2) for shape in shapes)
+        self.lengths = tuple(shape[axis] for shape, axis in zip(shapes, self.axes, strict=True))
+        self.rows = tuple(
+            tuple(n for d, n in reversed(list(enumerate(shape))) if d != axis or not on_cpu())
+            for shape, axis in zip(shapes, self.axes, strict=True)
+        )
+        self.serial = on_cpu()
+
+    @ti.func
+    def run(self, a, b):
+        for q in ti.static(self.pairs):
+            for J in ti.grouped(ti.ndrange(*self.rows[q])):
+                here = ti.row(J, self.like[q], self.dim, self.axes[q])
+                if ti.static(self.serial):
+                    for i in range(self.lengths[q]):
+                        self.bodies[q](ti.along(here, i, self.axes[q]), a, b)
+                else:
+                    self.bodies[q](ti.along(here, J[self.dim - 1]), a, b)
+
+
 def visit(bodies: Sequence[Callable], shapes: Sequence[tuple[int, ...]], *like: Sequence[Field]) -> Pass:
     """Return a pass that calls each ``body(I, a, b)``, which may store, at all indices I of the body's shape.
 
     like: fields of each body with the layouts that it uses most.
     """
-    dim = len(shapes[0])
-    pairs = tuple(range(len(bodies)))
-    bodies, like = tuple(bodies), tuple(tuple(fields) for fields in like) or ((),) * len(bodies)
-    # Axis 0 is contiguous: the innermost loop on a CPU, but for the two sides of axis 0, and neighbouring threads on a
-    # GPU.
-    axes = tuple(int(on_cpu() and dim > 1 and shape[0] == 2) for shape in shapes)
-    lengths = tuple(shape[axis] for shape, axis in zip(shapes, axes, strict=True))
-    rows = tuple(
-        tuple(n for d, n in reversed(list(enumerate(shape))) if d != axis or not on_cpu())
-        for shape, axis in zip(shapes, axes, strict=True)
-    )
-
-    @ti.func
-    def run(a, b):
-        for q in ti.static(pairs):
-            for J in ti.grouped(ti.ndrange(*rows[q])):
-                here = ti.row(J, like[q], dim, axes[q])
-                if ti.static(on_cpu()):
-                    for i in range(lengths[q]):
-                        bodies[q](ti.along(here, i, axes[q]), a, b)
-                else:
-                    bodies[q](ti.along(here, J[dim - 1]), a, b)
-
-    return Pass(run, sum(prod(shape) for shape in shapes))
+    return Pass(_Visit(bodies, shapes, like).run, sum(prod(shape) for shape in shapes))
 
 
 def launch(*passes: Pass) -> Callable[..., None]:
@@ -96,7 +102,7 @@ def _launcher(passes: Sequence[Pass]) -> Callable[..., None]:
         if bound is None or not bound.usable:
             if not is_running():
                 raise EngineError
-            bound = _PASSES.bind(parts, serial, key=tuple(raw(part.run).__code__ for part in parts))
+            bound = _PASSES.bind(parts, serial, key=tuple(code(part.run) for part in parts))
         bound(a, b)
 
     return run
