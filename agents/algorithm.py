@@ -23,11 +23,7 @@ class Algorithm(Protocol):
     """Names of the algorithm's states, indexed by the swarm's column `state`."""
 
     def __init__(self, swarm: Swarm, members: Members, tick: float):
-        """Allocate the algorithm for the robots `members` and call `begin`; tick: control period [s]."""
-        ...
-
-    def begin(self) -> None:
-        """Load the current parameters of `members.groups` and reset the algorithm to the start of a run."""
+        """Make the algorithm for the robots `members`, at the start of a run; tick: control period [s]."""
         ...
 
     def act(self, tick: int, t: float, dt: float) -> None:
@@ -65,11 +61,11 @@ class KernelAlgorithm:
         )
         self._compiled = False
         self._allocate()
-        self.begin()
+        self._start_all()
 
     @property
     def model(self) -> Any:
-        """Scenario section of the first group's algorithm, with the parameters of the present run."""
+        """Scenario section of the first group's algorithm."""
         return self.members.groups[0].model.algorithm
 
     def numbers(self, group: GroupRange, model: Any) -> Numbers:
@@ -77,11 +73,7 @@ class KernelAlgorithm:
         raise NotImplementedError
 
     def _allocate(self) -> None:
-        """Allocate the algorithm's fields and components."""
-
-    def begin(self) -> None:
-        self.p.begin()
-        self._start_all()
+        """Allocate the algorithm's fields and components, and set fields that `_start` does not set."""
 
     def act(self, tick: int, t: float, dt: float) -> None:
         with nullcontext() if self._compiled else data_flow_by_llvm():

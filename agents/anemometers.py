@@ -25,9 +25,6 @@ class Anemometers:
         self.p = Parameters(members, partial(_sensor_numbers, tick), stream="anemometer")
         self.felt = ti.vector_field(2, ti.f32, members.size)  # wind after the lag [m/s]
 
-    def begin(self) -> None:
-        self.p.begin()
-
     @ti.func
     def draw(self, n, tick):
         """Return normal deviates (2,) for the noise of anemometer n along both axes."""

@@ -37,10 +37,6 @@ class Commands:
         self.p = Parameters(members, lambda group: {"step": float(cast(Policy, group.model.algorithm).step)})
         self.held = ti.vector_field(2, ti.f32, members.size)  # speed and turn rate over their limits
         self.goal = ti.vector_field(2, ti.f32, members.size)  # believed place of the way point [m]
-        self.begin()
-
-    def begin(self) -> None:
-        self.p.begin()
 
     @ti.func
     def clear(self, n):

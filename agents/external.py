@@ -76,15 +76,11 @@ class ExternalAlgorithm:
         self._read = Rows(swarm, read, group.start, group.size)
         self._ordered = Rows(swarm, (*ORDERED, *(FLOWN if self.flies else ())), group.start, group.size)
         self._swarm, self._start = swarm, group.start
-        self.begin()
 
     @property
     def model(self) -> External:
         """Scenario section of the group's algorithm."""
         return cast(External, self.members.groups[0].model.algorithm)
-
-    def begin(self) -> None:
-        """Do nothing: at the start of a run all robots wait for orders."""
 
     def act(self, tick: int, t: float, dt: float) -> None:
         """Do nothing: the last orders hold until the next ones."""

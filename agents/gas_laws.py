@@ -18,7 +18,6 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import exp, log
 from taichi_plume.grid.rng import generator
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.metal_oxides import MOX_MODELS
 from taichi_plume.scenario.sensors import IdealGasSensor, MoxSensor, PidSensor, TdlasSensor
 
@@ -37,8 +36,6 @@ class Law(Protocol):
     HAS_RESISTANCE: bool
 
     def __init__(self, members: Members, slot: int = 0): ...
-
-    def begin(self) -> None: ...
 
     def renew(self, n, unit):
         """ti.func: exchange the sensor unit of robot n at the start of an episode; unit: random, from 0 to 1."""
@@ -80,21 +77,14 @@ class MoxLaw:
     HAS_RESISTANCE: bool = True
 
     def __init__(self, members: Members, slot: int = 0):
-        self.slot = slot
         self.cubic = any(_mox(group, slot).calibration == "cubic" for group in members.groups)
-        self.swarm = members.swarm
         self.p = Parameters(members, partial(_units, members.swarm, slot))
         self.box = ti.field(ti.f32, (UNITS, len(DIFFER)))  # parameters of the prepared units
         self.different = tuple(getattr(self.p, name) for name in DIFFER)
-        self._fill = uploader(self.box)
-
-    def begin(self) -> None:
-        self.p.begin()
-        if self.swarm.episodes is not None:
-            group = self.swarm.groups[0]
-            rng = generator(self.swarm.seed, numbered("box of units", self.slot))
-            drawn = _of_units(_mox(group, self.slot), _drawn(rng, UNITS))
-            self._fill(np.stack([np.broadcast_to(drawn[name], UNITS) for name in DIFFER], axis=1))
+        if members.swarm.episodes is not None:
+            rng = generator(members.swarm.seed, numbered("box of units", slot))
+            drawn = _of_units(_mox(members.swarm.groups[0], slot), _drawn(rng, UNITS))
+            self.box.from_numpy(np.stack([np.broadcast_to(drawn[name], UNITS) for name in DIFFER], axis=1))
 
     @ti.func
     def renew(self, n, unit):
@@ -143,9 +133,6 @@ class LinearLaw:
 
     def __init__(self, members: Members, slot: int = 0):
         self.p = Parameters(members, lambda group: {"limit": _linear(group, slot).detection_limit_ppm})
-
-    def begin(self) -> None:
-        self.p.begin()
 
     @ti.func
     def renew(self, n, unit):

@@ -78,10 +78,6 @@ class GasMap:
         """Return a new map for the scenario section `model`; shared: data that the maps of the run share."""
         return cls(model, floor)
 
-    def begin(self, model: object) -> None:
-        """Reset the map for a run with the parameters of `model`, which must have the same structure (see `state`)."""
-        self.errors = Series(self.trials)
-
     def update(self, swarm: Readers, t: float, dt: float) -> None:
         raise NotImplementedError
 

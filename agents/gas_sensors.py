@@ -62,10 +62,6 @@ class GasSensors:
         self.sum = ti.field(ti.f32, n)  # sum of the tick means since the last reading
         self.baseline = ti.field(ti.f32, n)  # drift of y
 
-    def begin(self) -> None:
-        self.p.begin()
-        self.law.begin()
-
     @ti.func
     def _follow(self, signal: Template, n, goal, decay, decay_rest):
         """Advance sensor n's signal towards `goal` by a time step of lag; return signal and mean of the step."""

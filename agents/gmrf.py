@@ -55,10 +55,6 @@ class MarkovMap(GasMap):
             self.counted_in = np.ravel_multi_index(tuple(nearest), self.shape)
         self.links = _links(self.shape, model.cell, floor.obstacle_distance)
         self.region = _regions(self.links)
-        self.begin(model)
-
-    def begin(self, model: models.MarkovMap) -> None:
-        super().begin(model)
         self.model = model
         self.noise = 1.0 / model.lambda_observation  # variance of a reading [ppm²]
         self.ended = 0  # number of ended windows

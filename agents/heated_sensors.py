@@ -48,10 +48,6 @@ class HeatedSensors(GasSensors):
         self.held = ti.field(ti.f32, members.size)  # y at the end of the last hot part
         self.slow_held = ti.field(ti.f32, members.size)
 
-    def begin(self) -> None:
-        super().begin()
-        self.cycle.begin()
-
     @ti.func
     def renew(self, n, unit):
         self.signal[n], self.slow[n], self.sum[n], self.baseline[n] = 0.0, 0.0, 0.0, 0.0

@@ -61,7 +61,8 @@ class HitMap(KernelAlgorithm):
         self.declaring = Declaring(self.members, self.p)
         self.belief = Beliefs(self.members, self.model.cell)
         self.gas = Ways(self.swarm.clearance, self.model.cell, 0.0)  # paths of air
-        self.roads = Ways(self.swarm.clearance, self.model.cell, self._room)  # paths of robots
+        room = self.members.groups[0].model.body.radius + self.model.avoidance
+        self.roads = Ways(self.swarm.clearance, self.model.cell, room)  # paths of robots
         self.count, self.columns, self.cell = self.gas.count, self.gas.shape[1], self.gas.cell
         self.felt = ti.vector_field(2, ti.f32, self.size)  # sum of the wind during an acquisition [m/s]
         self.home = ti.field(ti.i32, self.size)  # cell of the start position
@@ -69,11 +70,6 @@ class HitMap(KernelAlgorithm):
         self.next = ti.field(ti.i32, self.size)  # cell on the way there
         self.belief_cell, self.belief_low = self.cell, np.array(self.gas.low)
         self._read = reader(self.belief.p)
-
-    @property
-    def _room(self) -> float:
-        """Smallest distance of a robot's centre from obstacles [m]."""
-        return self.members.groups[0].model.body.radius + self.model.avoidance
 
     def numbers(self, group: GroupRange, model: Model) -> Numbers:
         return {
@@ -91,10 +87,6 @@ class HitMap(KernelAlgorithm):
             "pause": model.settle + model.acquisition,  # s
             "converged": model.converged,  # m
         }
-
-    def begin(self) -> None:
-        self.roads.begin(self._room)
-        super().begin()
 
     def beliefs(self) -> np.ndarray:
         return self._read()[0]

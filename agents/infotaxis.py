@@ -72,7 +72,7 @@ class AnyInfotaxis(KernelAlgorithm):
         self.half = int(np.ceil(hypot(*self.belief.extent) / self.spacing)) + 1
         self.chance = ti.field(ti.f32, (2 * self.half + 1, 2 * self.half + 1))
         self.downwind = ti.vector_field(2, ti.f32, self.size)  # mean of the measured wind so far
-        self._upload = uploader(self.chance, self.belief.p)
+        uploader(self.chance, self.belief.p)(self._chances(), self.belief.even)
         self._read = reader(self.belief.p)
 
     def numbers(self, group: GroupRange, model: belief_algorithms.AnyInfotaxis) -> Numbers:
@@ -83,10 +83,6 @@ class AnyInfotaxis(KernelAlgorithm):
             "threshold": model.threshold_ppm,
             "step": model.step,  # m
         }
-
-    def begin(self) -> None:
-        super().begin()
-        self._upload(self._chances(), self.belief.even)
 
     def _chances(self) -> np.ndarray:
         """Return a table of detection likelihoods over the source's displacement, along and across the wind."""

@@ -95,10 +95,6 @@ class KernelMap(GasMap):
         self.n = Numbers("sigma", "sigma2", "sigma_omega", "wind_stretch", "fading")
         self._sums = reader(self.totals, self.weights, self.weighted)
         self._squares = reader(self.totals, self.weights, self.squares, self.deviation)
-        self.begin(model)
-
-    def begin(self, model: models.KernelMap) -> None:
-        super().begin(model)
         self.fading = 0.0 if model.memory is None else 1.0 / model.memory  # 1/s
         self.time = 0.0  # time of the last update [s]
         self.n.set(

@@ -45,26 +45,20 @@ class LeastKnown(KernelAlgorithm):
         self.map = TimeSeriesMap(self.model.map, floor)
         self.goal = ti.vector_field(2, ti.f32, self.size)  # way points [m]
         self.asks = ti.field(ti.i32, self.size)  # whether the robot needs another way point
-        self._set_goal = uploader(self.goal, self.potential.mark)
+        # the first way points are the start positions, so that all robots ask for new ones
+        start = swarm.start[group.slice]
+        uploader(self.goal, self.potential.mark)(start, np.inf)
+        self.share, self.apart = self.model.share, self.model.apart
+        self.room = group.model.body.radius + self.model.avoidance
+        place = centers(self.map.shape, self.map.cell)
+        self.free = swarm.clearance.distance_at(place) >= self.room
+        self.places = place[self.free]  # (cells, 2) [m]
+        self.region = self._regions(self.places)
+        self.home = self._regions(start).reshape(self.trials, self.count)
         self._read = reader(self.asks, self.goal, swarm.believed_position)
 
     def numbers(self, group: GroupRange, model: algorithms.LeastKnown) -> Numbers:
         return Potential.numbers(self.swarm, group, model.speed, model.avoidance)
-
-    def begin(self) -> None:
-        """Load the parameters; the first way points are the start positions, so that all robots ask for new ones."""
-        super().begin()
-        self.map.begin(self.model.map)
-        group, clearance = self.members.groups[0], self.swarm.clearance
-        self.share, self.apart = self.model.share, self.model.apart
-        self.room = group.model.body.radius + self.model.avoidance
-        place = centers(self.map.shape, self.map.cell)
-        self.free = clearance.distance_at(place) >= self.room
-        self.places = place[self.free]  # (cells, 2) [m]
-        self.region = self._regions(self.places)
-        start = self.swarm.start[group.slice]
-        self.home = self._regions(start).reshape(self.trials, self.count)
-        self._set_goal(start, np.inf)
 
     def act(self, tick: int, t: float, dt: float) -> None:
         self.map.update(self.swarm, t, dt)

@@ -61,10 +61,6 @@ class LineSensors(GasSensors):
         self.beam = Parameters(members, partial(_beam, slot, around.step))
         self.length = ti.field(ti.f32, members.size)  # length of each beam [m]
 
-    def begin(self) -> None:
-        super().begin()
-        self.beam.begin()
-
     @ti.func
     def direction(self, n, i, t):
         """Return the unit vector of the beam of sensor n, on robot i, at time t [s]."""

@@ -50,6 +50,7 @@ class Members:
 
     def __init__(self, swarm: Swarm, numbers: Sequence[int]):
         self.swarm, self.numbers = swarm, tuple(numbers)
+        self.groups: list[GroupRange] = [swarm.groups[number] for number in self.numbers]
         self.size = sum(group.size for group in self.groups)
         self.robot = ti.field(ti.i32, max(1, self.size))
         self.number = ti.field(ti.i32, max(1, self.size))
@@ -58,11 +59,6 @@ class Members:
             robots = [np.arange(group.start, group.start + group.size) for group in self.groups]
             numbered = [group.first + np.arange(group.size) for group in self.groups]
             uploader(self.robot, self.number)(np.concatenate(robots), np.concatenate(numbered))
-
-    @property
-    def groups(self) -> list[GroupRange]:
-        """Ranges of the groups, with their current parameters, which a reset may change."""
-        return [self.swarm.groups[number] for number in self.numbers]
 
     def streams(self, name: str) -> np.ndarray:
         """Return the key (u32) of each group's random stream called `name`."""

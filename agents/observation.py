@@ -103,20 +103,16 @@ class Observation:
         self.extent = tuple(high[d] - self.low_corner[d] for d in range(2))
         self.diagonal = hypot(*self.extent)
         self.p = Parameters(members, self._numbers)
-        self.begin()
 
     @property
     def model(self) -> Policy:
-        """Scenario section of the group's policy, with its current parameters."""
+        """Scenario section of the group's policy."""
         return cast(Policy, self.members.groups[0].model.algorithm)
 
     def _numbers(self, group: GroupRange) -> Numbers:
         shares = tuple(Lag(time, self.tick).share for time in self.model.memory) or (1.0,)
         reach = group.model.communication.range
         return {"shares": shares, "range": UNLIMITED if reach is None else float(reach)}
-
-    def begin(self) -> None:
-        self.p.begin()
 
     @ti.func
     def gas(self, n):

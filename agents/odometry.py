@@ -28,9 +28,12 @@ from taichi_plume.scenario.robots import Odometry as Model
 
 @ti.data_oriented
 class Odometry:
-    """Odometers of `count` robots; only groups with `odometry` have errors. counter: function as `Swarm.counter`."""
+    """Odometers of `count` robots, with random systematic errors; only groups with `odometry` have errors.
 
-    def __init__(self, count: int, counter: Callable):
+    counter: function as `Swarm.counter`; groups: all groups of the swarm.
+    """
+
+    def __init__(self, count: int, counter: Callable, groups: Sequence[GroupRange], seed: int):
         self.counter = counter
         self.errs = ti.field(ti.i32, count)
         self.number = ti.field(ti.i32, count)  # number of the robot in its group, among all possible trials
@@ -38,13 +41,6 @@ class Odometry:
         self.kept = ti.vector_field(3, ti.f32, count)  # a, b [1], c [rad/m]
         self.variances = ti.vector_field(4, ti.f32, count)  # k1 [rad], k2 [rad²/m], k3 [m], k4 [m²/rad]
         self.deviations = ti.vector_field(3, ti.f32, count)  # standard deviations of a, b and c
-        self._upload = uploader(
-            self.errs, self.number, self.stream, self.kept, self.variances, self.deviations
-        )
-
-    def begin(self, groups: Sequence[GroupRange], seed: int) -> None:
-        """Draw the systematic odometry errors of each robot; groups: all groups of the swarm."""
-        count = self.errs.shape[0]
         errors, variances, deviations = np.zeros((count, 3)), np.zeros((count, 4)), np.zeros((count, 3))
         errs, numbers, streams = np.zeros(count), np.zeros(count), np.zeros(count, np.uint32)
         for group in groups:
@@ -56,7 +52,9 @@ class Odometry:
             errs[group.slice] = 1
             numbers[group.slice] = group.first + np.arange(group.size)
             streams[group.slice] = stream_id(f"group {group.number}/odometry")
-        self._upload(errs, numbers, streams, errors, variances, deviations)
+        uploader(self.errs, self.number, self.stream, self.kept, self.variances, self.deviations)(
+            errs, numbers, streams, errors, variances, deviations
+        )
 
     @ti.func
     def measured(self, i, tick, w, s):

@@ -68,16 +68,12 @@ class Messages:
     def __init__(self, members: Members, words: int):
         self.p = Parameters(members, Radio.numbers, radio="radio")
         self.radio, self.words = Radio(members, self.p), words
-        self._put_times, self._put_speakers = uploader(self.radio.time), uploader(self.radio.speaks)
+        self._put_speakers = uploader(self.radio.speaks)
         self._times = reader(self.radio.time)
-        count = self.radio.time.shape[1]
-        self.first = np.arange(members.size) // count * count  # first robot of each robot's team
-
-    def begin(self) -> None:
-        """Delete all received messages, at the start of a run."""
-        self.p.begin()
-        self._put_times(NEVER)
+        self.radio.time.fill(NEVER)
         shape = self.radio.time.shape
+        count = shape[1]
+        self.first = np.arange(members.size) // count * count  # first robot of each robot's team
         self.heard, self.heard_at = np.full((*shape, self.words), np.nan), np.full(shape, np.nan)
 
     def deliver(self, outputs: Outputs, tick: int, t: float) -> None:
@@ -100,11 +96,16 @@ def _parameters(group: Group) -> dict[str, Any]:
 
 
 class OwnAlgorithm:
-    """Adapter that runs a user's algorithm class `own` for a group. Raises OwnAlgorithmError if the class fails."""
+    """Adapter that runs a user's algorithm class `own` for a group.
+
+    before: the adapter of a running simulation, whose state is restored next. With equal parameters the user's
+    algorithm stays the same object. Raises OwnAlgorithmError if the class fails, and ScenarioError if the parameters of
+    a running algorithm without state() and restore() change.
+    """
 
     PER_GROUP = True
 
-    def __init__(self, swarm: Swarm, members: Members, own: type):
+    def __init__(self, swarm: Swarm, members: Members, own: type, before: "OwnAlgorithm | None" = None):
         self.swarm, self.members, self.own = swarm, members, own
         (group,) = members.groups
         self.size, self.start = group.size, group.start
@@ -119,9 +120,14 @@ class OwnAlgorithm:
         )
         self.words = self._words(group.count)
         self.messages = Messages(members, self.words) if self.words else None
-        self.algorithm: Any = None
-        self._next: Any = None
-        self.begin()
+        number = np.arange(group.size)
+        trial = group.model.first_trial + number // group.count
+        self.robots = Robots(trial, number % group.count, *self._heard(), self.flies)
+        self.algorithm: Any = self._made(before)
+        with failures_named(self.path):
+            self.STATE_NAMES = tuple(map(str, getattr(self.algorithm, "STATE_NAMES", ("SEARCH",))))
+        self.kept = UserState(self.path, self.algorithm)
+        self.STATE = ("robots", "messages", *(("kept",) if self.can_be_saved else ()))
 
     def _words(self, count: int) -> int:
         """Return MESSAGE, the class's count of numbers in a message. Raises OwnAlgorithmError if not allowed."""
@@ -135,39 +141,18 @@ class OwnAlgorithm:
             )
         return words
 
-    def prepare(self, group: Group, during_run: bool = False) -> None:
-        """Make the user's algorithm that the next `begin` starts with; until then nothing changes.
-
-        during_run: whether the state is restored after `begin`. An algorithm with unchanged parameters then stays the
-        same object. Raises OwnAlgorithmError if the constructor fails, and ScenarioError if the parameters of a running
-        algorithm without state() and restore() change.
-        """
-        parameters = _parameters(group)
-        if during_run and parameters == _parameters(self.members.groups[0].model):
-            self._next = self.algorithm
-            return
-        if during_run and not self.can_be_saved:
+    def _made(self, before: "OwnAlgorithm | None") -> Any:
+        """Return the user's algorithm: a new object, or that of `before`."""
+        parameters = _parameters(self.members.groups[0].model)
+        if before and self.own is before.own and parameters == _parameters(before.members.groups[0].model):
+            return before.algorithm
+        if before and not before.can_be_saved:
             raise ScenarioError(
                 [f"robots[{self.members.numbers[0]}].algorithm.parameters: cannot change during a run, as "
                  f"{self.own.__name__} has no state() and restore(), which carry its state to a new object"]
             )  # fmt: skip
         with failures_named(self.path):
-            self._next = self.own(**deepcopy(parameters))
-
-    def begin(self) -> None:
-        (group,) = self.members.groups
-        number = np.arange(group.size)
-        trial = group.model.first_trial + number // group.count
-        if self.messages:
-            self.messages.begin()
-        self.robots = Robots(trial, number % group.count, *self._heard(), self.flies)
-        if self._next is None:
-            self.prepare(group.model)
-        self.algorithm, self._next = self._next, None
-        with failures_named(self.path):
-            self.STATE_NAMES = tuple(map(str, getattr(self.algorithm, "STATE_NAMES", ("SEARCH",))))
-        self.kept = UserState(self.path, self.algorithm)
-        self.STATE = ("robots", "messages", *(("kept",) if self.can_be_saved else ()))
+            return self.own(**deepcopy(parameters))
 
     @property
     def can_be_saved(self) -> bool:

@@ -1,6 +1,7 @@
-"""Parameters of robots that kernels read at run time, so that new values need no compilation."""
+"""Parameters of robots that kernels read, by group or by robot."""
 
 from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -8,7 +9,6 @@ from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members, OfGroup
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
-from taichi_plume.grid.transfer import uploader
 
 Numbers = Mapping[str, float | tuple[float, ...] | np.ndarray]
 """Kernel parameters of a group by name: a scalar or a tuple shared by all robots, or an array over the robots."""
@@ -20,46 +20,37 @@ class Parameters:
     numbers: function that returns the parameters of a group, computed in f64 and rounded once to f32; integers and
     flags become i32. The k-th entry of a tuple is ``p.arms[n, k]``; shorter tuples are padded by zeros. An array has a
     value per robot; all other parameters are stored once per group. streams: names of random streams; the key of each
-    stream is a parameter named by the keyword. `begin` uploads the current values of all groups in a single launch.
+    stream is a parameter named by the keyword.
     """
 
     def __init__(self, members: Members, numbers: Callable[[GroupRange], Numbers], **streams: str):
-        self._members, self._numbers, self._streams = members, numbers, streams
-        groups = [numbers(group) for group in members.groups]
-        self._widths = {name: _width(group[name] for group in groups) for name in groups[0]}
-        self._differ = {
-            name for name in groups[0] if any(isinstance(group[name], np.ndarray) for group in groups)
-        }
-        fields = []
-        for name, width in self._widths.items():
-            is_real = np.issubdtype(np.asarray(groups[0][name]).dtype, np.floating)
-            rows = members.size if name in self._differ else len(groups)
-            fields.append(
-                ti.field(ti.f32 if is_real else ti.i32, (rows,) if width is None else (rows, width))
-            )
-        fields += [ti.field(ti.u32, len(groups)) for _ in streams]
-        for name, field in zip((*self._widths, *streams), fields, strict=True):
-            setattr(self, name, field if name in self._differ else OfGroup(field, members.row))
-        self._upload = uploader(*fields)
+        groups = [(group, numbers(group)) for group in members.groups]
+        self._largest: dict[str, float] = {}
+        for name, first in groups[0][1].items():
+            values = [each[name] for _, each in groups]
+            width, differ = _width(values), any(isinstance(value, np.ndarray) for value in values)
+            rows = [
+                _rows(value, group.size if differ else 1, width)
+                for (group, _), value in zip(groups, values, strict=True)
+            ]
+            is_real = np.issubdtype(np.asarray(first).dtype, np.floating)
+            self._put(name, ti.f32 if is_real else ti.i32, np.concatenate(rows), None if differ else members)
+            self._largest[name] = max(float(np.max(value)) for value in values)
+        for name, stream in streams.items():
+            self._put(name, ti.u32, members.streams(stream), members)
+
+    def _put(self, name: str, dtype: Any, table: np.ndarray, members: Members | None) -> None:
+        """Store a table over the robots or, with `members`, over their groups as the parameter `name`."""
+        field = ti.field(dtype, table.shape)
+        field.from_numpy(table)
+        setattr(self, name, field if members is None else OfGroup(field, members.row))
 
     def __getattr__(self, name: str) -> Field:
         raise AttributeError(name)
 
     def largest(self, name: str) -> float:
         """Return the largest value of the parameter `name` over all groups, for shapes that depend on it."""
-        return max(float(np.max(self._numbers(group)[name])) for group in self._members.groups)
-
-    def begin(self) -> None:
-        """Upload the current parameters of all groups."""
-        groups = [(group, self._numbers(group)) for group in self._members.groups]
-        tables = []
-        for name, width in self._widths.items():
-            parts = [
-                _rows(numbers[name], group.size if name in self._differ else 1, width)
-                for group, numbers in groups
-            ]
-            tables.append(np.concatenate(parts))
-        self._upload(*tables, *map(self._members.streams, self._streams.values()))
+        return self._largest[name]
 
 
 def _width(values: Iterable[object]) -> int | None:

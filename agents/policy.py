@@ -33,14 +33,9 @@ class PolicyAlgorithm:
             raise NetworkError(f"robots[{members.numbers[0]}].algorithm.file: {fault}")
         self.observations = np.zeros((self.size, self.observation.size), np.float32)
         self.actions = np.zeros((self.size, self.commands.size), np.float32)
-        self.begin()
-
-    def begin(self) -> None:
-        (group,) = self.members.groups
+        (group,) = members.groups
         self.ticks = cast(Policy, group.model.algorithm).ticks(self.tick)
-        self.waits = group.waits(self.tick) + 1
-        self.observation.begin()
-        self.commands.begin()
+        self.waits = group.waits(tick) + 1
         self._clear()
 
     def act(self, tick: int, t: float, dt: float) -> None:

@@ -30,22 +30,17 @@ class ReplayAlgorithm:
     STATE_NAMES: tuple[str, ...] = ("WAITING", "REPLAYED", "ENDED")
 
     def __init__(self, swarm: Swarm, members: Members, tick: float, ways: Sequence[Way]):
-        self.members, self.tick, self.ways = members, tick, ways
+        self.members = members
         (group,) = members.groups
         flown = (Columns.ordered_altitude,) if group.model.body.flies else ()
         ordered = (Columns.state, Columns.ordered_position, Columns.ordered_heading, *flown)
         self._ordered = Rows(swarm, ordered, group.start, group.size)
         self._told = Rows(swarm, (Columns.reading,), group.start, group.size)
-        self.begin()
-
-    def begin(self) -> None:
-        """Restart the replay: choose paths, clear the comparison, order the poses at the end of the first time step."""
-        (group,) = self.members.groups
         model = cast(Replay, group.model.algorithm)
-        self.chosen = model.chosen(self.ways, group.count)
+        self.chosen = model.chosen(ways, group.count)
         self.zero, self.origin = model.begin_of(self.chosen), np.array(model.origin)
         self.sums = np.zeros((group.size, len(SUMS)))
-        self._order(0.0, self.tick)
+        self._order(0.0, tick)
 
     def act(self, tick: int, t: float, dt: float) -> None:
         self._compare(t, dt)

@@ -60,12 +60,6 @@ class Sensors:
         self.others = tuple(sensor for (slot, *_), sensor in made.items() if slot > 0)
         if self.others:
             self.STATE = (*self.STATE, "others")
-        self.begin()
-
-    def begin(self) -> None:
-        """Load the sensor parameters of the groups, and reset all sensors to clean and still air."""
-        for part in (*self.noses, *self.vanes, *self.others):
-            part.begin()
 
     def measure(self, gas: Odour, wind: Wind, tick: int, t: float) -> None:
         """Update all readings from gas and wind at time t [s]; tick: number of the control period, from 1 on."""

@@ -1,7 +1,5 @@
 """Shortest paths (path planning) over a floor of square cells, around obstacles."""
 
-import numpy as np
-
 from taichi_plume.engine import ti
 
 FAR = 1e9  # m: no path
@@ -32,15 +30,8 @@ class Ways:
         self.open = ti.field(ti.i32, (self.count, 8))  # whether the way to each neighbour is free
         self.length = ti.field(ti.f32, (self.count, self.count))
         self.via = ti.field(ti.i16, (self.count, self.count))
-        self.room = np.nan
-        self.begin(room)
-
-    def begin(self, room: float) -> None:
-        """Recompute the paths if the required clearance `room` [m] has changed; obstacles never change."""
-        if room != self.room:
-            self.room = room
-            self._look(room)
-            self._find(room)
+        self._look(room)
+        self._find(room)
 
     @ti.func
     def center(self, a):

@@ -78,9 +78,6 @@ class Snapshots:
         columns = -(-self.shape[1] // self.strip) * self.strip + 2 * self.margin
         self.weighted = ti.field(ti.f32, (trials, self.depth, rows, columns))
         self.weights = ti.field(ti.f32, (trials, self.depth, rows, columns))
-        self.begin()
-
-    def begin(self) -> None:
         self.ended = 0
         self.time = -inf  # time of the last update [s]
 
@@ -137,7 +134,6 @@ class SnapMap(GasMap):
         self.denominator = ti.field(ti.f32, (floor.trials, *self.shape))
         self.mae = ti.field(ti.f32, floor.trials)  # error of the last forecast [ppm]
         self._sums, self._error = reader(self.numerator, self.denominator), reader(self.mae)
-        self.begin(model)
 
     @classmethod
     def needs(cls, model: models.SnapshotMap, floor: Floor) -> Needs:
@@ -153,12 +149,6 @@ class SnapMap(GasMap):
         needs = shared[alike(model)]
         needs.snapshots = needs.snapshots or Snapshots(model, floor, needs)
         return cls(model, floor, needs.snapshots)
-
-    def begin(self, model: models.SnapshotMap) -> None:
-        """Reset the map for a run. Maps of equal parameters share snapshots, so the parameters must not change."""
-        super().begin(model)
-        self.window = model.window
-        self.snaps.begin()
 
     def estimate(self) -> np.ndarray:
         """Return the forecast S of the running snapshot [ppm], (trials, nx, ny); NaN in unknown cells."""

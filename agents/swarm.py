@@ -97,15 +97,15 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         self._list_members()
         self.contact = Contact(self)
         if self.reckons:
-            self.odometry = Odometry(n, self.counter)
+            self.odometry = Odometry(n, self.counter, self.groups, seed)
         self._kept = Rows(self, [column for column in self.columns if column.key], 0, self.count)
         self._fields = [getattr(self, column.name) for column in self.columns]
         self._ended, self._put_discs = reader(self.found, self.declarations), uploader(self.discs)
-        self._upload = uploader(*self._numbers())
-        self.begin(groups, positions, headings, sources, seed, walkers)
+        self.seed = seed
+        self._set_start(positions, headings, sources, walkers)
 
     def _numbers(self) -> list[Field]:
-        """Return the fields that `begin` uploads."""
+        """Return the fields that `_set_start` sets."""
         never = [self.found_time, self.reached_time, self.declared_position, self.declared_time]
         poses = [self.position, self.heading, *never, self.ordered_position, self.resistance, *self._further]
         beliefs = [self.believed_position, self.believed_heading] if self.reckons else []
@@ -132,17 +132,10 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         self.team_size: Field = ti.field(ti.i32, sizes.shape)
         uploader(self.members, self.team_size)(table, sizes)
 
-    def begin(
-        self,
-        groups: Sequence[Group],
-        positions: np.ndarray,
-        headings: np.ndarray,
-        sources: np.ndarray,
-        seed: int,
-        walkers: Sequence[Obstacle] = (),
+    def _set_start(
+        self, positions: np.ndarray, headings: np.ndarray, sources: np.ndarray, walkers: Sequence[Obstacle]
     ) -> None:
-        """Reset the robots of these groups, as many as before, to the start of a run; arguments: see constructor."""
-        self.groups, self.seed = ranges(groups, self.rivals), seed
+        """Set poses and bodies of the robots, sources and moving obstacles at the start of a run."""
         self.start = np.array(positions, np.float32).reshape(-1, 2)  # positions at the start [m]
         self.walkers = [(walker.motion, walker.center) for walker in walkers]
         self.strides = max(  # largest speed of the walkers over their radius [1/s]
@@ -155,8 +148,8 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
             default=0.0,
         )
         poses = [self.start, headings] if self.count else [0, 0]
-        self._upload(
-            seed,
+        uploader(*self._numbers())(
+            self.seed,
             sources[:, :2] if len(sources) else 0,
             [walker.disc for walker in walkers] or 0,
             *poses,
@@ -165,8 +158,6 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
             *(self._each(value) for value in BODY.values()),
             *(self._flight_numbers(self._each, sources, walkers) if self.flies else []),
         )
-        if self.reckons:
-            self.odometry.begin(self.groups, seed)
         self._walk(0.0)
 
     def _each(self, value: Callable[[Group], float]) -> np.ndarray:

@@ -42,18 +42,13 @@ class Sweep(KernelAlgorithm):
         self.length = ti.field(ti.i32, n)  # number of way points
         self.next = ti.field(ti.i32, n)  # number of the present way point
         self.order = ti.field(ti.i32, n)  # +1: forwards, -1: back
-        self._upload = uploader(self.way, self.length, self.order, self.potential.mark)
-
-    def numbers(self, group: GroupRange, model: algorithms.Sweep) -> Numbers:
-        return {**Potential.numbers(self.swarm, group, model.speed, model.avoidance), "repeat": model.repeat}
-
-    def begin(self) -> None:
-        super().begin()
-        ways = self._ways()
         table = np.zeros((*self.way.shape, 2), np.float32)
         for row, way in zip(table, ways, strict=True):
             row[: len(way)] = way
-        self._upload(table, [len(way) for way in ways], 1, np.inf)
+        uploader(self.way, self.length, self.order, self.potential.mark)(table, [*map(len, ways)], 1, np.inf)
+
+    def numbers(self, group: GroupRange, model: algorithms.Sweep) -> Numbers:
+        return {**Potential.numbers(self.swarm, group, model.speed, model.avoidance), "repeat": model.repeat}
 
     def _ways(self) -> list[np.ndarray]:
         """Return the way points (k, 2) [m] of every robot, along its lanes."""

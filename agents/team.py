@@ -13,7 +13,6 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.engine import ti
 from taichi_plume.files.network import Network
 from taichi_plume.files.trajectories import Way
-from taichi_plume.scenario.robots import Group
 
 HANDED = ("own", "policy", "replay")  # kinds with a class, network or paths from files
 BEFORE = "BEFORE_BEGIN"  # state of robots that have not set off, used by no algorithm
@@ -25,7 +24,7 @@ class Team:
 
     Until the groups set off, at their `begin`, the robots get no command; their state is BEFORE, and the algorithm's
     first state is stored. tick: control period [s]. own: class of a user's algorithm. network: of a policy. ways:
-    recorded paths.
+    recorded paths. before: the user's algorithm of a running simulation, see `OwnAlgorithm`.
     """
 
     STATE: tuple[str, ...] = ("algorithm",)
@@ -38,6 +37,7 @@ class Team:
         own: type | None = None,
         network: Network | None = None,
         ways: Sequence[Way] | None = None,
+        before: OwnAlgorithm | None = None,
     ):
         self.swarm, self.members = swarm, Members(swarm, numbers)
         self.numbers = self.members.numbers
@@ -46,7 +46,7 @@ class Team:
         self.first_tick = self.members.groups[0].waits(tick) + 1  # in which the robots get a command
         self.algorithm: Algorithm
         if own is not None:
-            self.algorithm = OwnAlgorithm(swarm, self.members, own)
+            self.algorithm = OwnAlgorithm(swarm, self.members, own, before)
         elif network is not None:
             self.algorithm = PolicyAlgorithm(swarm, self.members, tick, network)
         elif ways is not None:
@@ -57,23 +57,11 @@ class Team:
         if self.waits:
             self.first_state = ti.field(ti.i32, self.members.size)
             self.STATE = (*self.STATE, "first_state")
-        self._hold()
+            self._swap(len(self.algorithm.STATE_NAMES))
 
     @property
     def state_names(self) -> tuple[str, ...]:
         return (*self.algorithm.STATE_NAMES, BEFORE) if self.waits else self.algorithm.STATE_NAMES
-
-    def prepare(self, groups: Sequence[Group], during_run: bool) -> None:
-        """Make what the next `begin` needs from the groups of a scenario, before anything changes.
-
-        See `OwnAlgorithm.prepare`, whose errors it raises; only users' algorithms can refuse.
-        """
-        if isinstance(self.algorithm, OwnAlgorithm):
-            self.algorithm.prepare(groups[self.numbers[0]], during_run)
-
-    def begin(self) -> None:
-        self.algorithm.begin()
-        self._hold()
 
     def act(self, tick: int, t: float, dt: float) -> None:
         if tick < self.first_tick:
@@ -81,11 +69,6 @@ class Team:
         if self.waits and tick == self.first_tick:
             self._swap(0)
         self.algorithm.act(tick, t, dt)
-
-    def _hold(self) -> None:
-        """Put the robots into the waiting state if their groups set off later than at the start."""
-        if self.waits:
-            self._swap(len(self.algorithm.STATE_NAMES))
 
     @ti.kernel
     def _swap(self, wait: int):
@@ -106,10 +89,12 @@ def teams(
     own: Mapping[str, type] | None = None,
     networks: Mapping[str, Network] | None = None,
     ways: Mapping[str, Sequence[Way]] | None = None,
+    before: Sequence[Team] = (),
 ) -> list[Team]:
     """Return a `Team` (groups and the algorithm that drives them) per kind of algorithm and start time, or per group.
 
     own: users' classes, networks: networks of policies, ways: recorded paths, by the names of their groups.
+    before: teams of a running simulation, whose users' algorithms go on, see `OwnAlgorithm`.
     """
     alike: dict[tuple[str, int, float], list[int]] = {}
     for group in swarm.groups:
@@ -118,8 +103,17 @@ def teams(
         key = kind, group.number if per_group else -1, group.model.begin
         alike.setdefault(key, []).append(group.number)
     handed, learnt, recorded = own or {}, networks or {}, ways or {}
+    running = {team.numbers: team.algorithm for team in before if isinstance(team.algorithm, OwnAlgorithm)}
     names = [(numbers, swarm.groups[numbers[0]].name) for numbers in alike.values()]
     return [
-        Team(swarm, numbers, tick, handed.get(name), learnt.get(name), recorded.get(name))
+        Team(
+            swarm,
+            numbers,
+            tick,
+            handed.get(name),
+            learnt.get(name),
+            recorded.get(name),
+            running.get(tuple(numbers)),
+        )
         for numbers, name in names
     ]

@@ -201,10 +201,6 @@ class MovingObstacle(Bodies):
         velocity: Field = ti.vector_field(2, ti.f32, 1)
         super().__init__(grid, place, velocity, 1, open, ball=model.kind == "sphere" and grid.dim == 3)
         self._move = uploader(place, velocity)
-        self.begin(model)
-
-    def begin(self, model: Obstacle) -> None:
-        """Set the outline and the motion of the obstacle."""
         self.shape(outline(model, self.dim))
         motion = model.motion
         assert motion is not None
@@ -235,10 +231,6 @@ class Wake(Bodies):
         self, body: Body, grid: Grid, place: Field, velocity: Field, first: int, count: int, open: Faces
     ):
         super().__init__(grid, place, velocity, count, open, first, permeable=grid.dim == 2)
-        self.begin(body)
-
-    def begin(self, body: Body) -> None:
-        """Set the size, the drag and the largest speed of the robots."""
         drag = 0.0
         if self.permeable:  # C_d/2 times frontal area over the volume of the disc through the whole slab
             drag = DRAG * min(body.height / self.grid.depth, 1.0) / (np.pi * body.radius)

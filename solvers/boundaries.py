@@ -36,8 +36,7 @@ def curve_of(opening: Opening) -> FanCurve | None:
 class Boundaries:
     """Boundary conditions of the flow: targets, mirror factors and ambient pressure of all boundary faces.
 
-    patches: openings on the grid, with their present parameters; jets: the patches that blow. Upload `tables` before
-    `begin`.
+    patches: openings on the grid, with their parameters; jets: the patches that blow.
     """
 
     STATE = (
@@ -51,8 +50,17 @@ class Boundaries:
         "_blown",
     )
 
-    def __init__(self, openings: tuple[Opening, ...], grid: Grid, area: Sequence[np.ndarray], tables: Tables):
-        """Place the openings; area: area fractions of the faces. Raises ValueError for an opening without air."""
+    def __init__(
+        self,
+        openings: tuple[Opening, ...],
+        grid: Grid,
+        area: Sequence[np.ndarray],
+        tables: Tables,
+        seed: int = 0,
+    ):
+        """Place the openings; area: area fractions of the faces; seed: for turbulent inflow. Raises ValueError for an
+        opening without air.
+        """
         self.grid = grid
         self.dim = grid.dim
         self._placed: list[tuple[int, Patch]] = []
@@ -65,9 +73,12 @@ class Boundaries:
                 self._placed.append((n, patch))
         self.patches = [patch for _, patch in self._placed]
         self.jets = [patch for patch in self.patches if isinstance(patch, JetPatch)]
-        driven = [curve_of(openings[n]) for n, patch in self._placed if isinstance(patch, JetPatch)]
-        self.curved = {n: self._fan(self.jets[n], tables) for n, curve in enumerate(driven) if curve}
-        self.noise: dict[int, Fluctuations] = {}
+        blowing = [openings[n] for n, patch in self._placed if isinstance(patch, JetPatch)]
+        self.curved = {
+            n: self._fan(curve, opening.speed_at(0.0), self.jets[n], tables)
+            for n, opening in enumerate(blowing)
+            if (curve := curve_of(opening))
+        }
         self.sides = [tuple(2 if a == d else n for a, n in enumerate(grid.padded)) for d in range(grid.dim)]
         self._inner = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
         self._repeats = [self._spread_indices(d) for d in range(grid.dim)]
@@ -77,14 +88,14 @@ class Boundaries:
         """Loss coefficient [1] of the opening, and kinematic pressure at the face [m²/s²]."""
         self.is_free = self._kinds(tables)
         self.has_loss = any(p.kind == "honeycomb" and p not in self.jets for p in self.patches)
-        self._put = uploader(*self.target, *self.loss)
         # jets and walls may change in every step
         changing = {p.axis for p in self.patches if p in self.jets or p.kind == "wall"}
         self._put_targets = {d: uploader(self.target[d]) for d in sorted(changing)}
+        self._set_conditions(openings, seed)
 
-    def _fan(self, patch: JetPatch, tables: Tables) -> CurvedFan:
+    def _fan(self, curve: FanCurve, speed: float, patch: JetPatch, tables: Tables) -> CurvedFan:
         cells = np.stack(patch.cells(), axis=-1) + self.grid.ghost
-        return CurvedFan(patch.area, AIR_DENSITY, cells, patch.profile[patch.covered], tables)
+        return CurvedFan(curve, speed, patch.area, AIR_DENSITY, cells, patch.profile[patch.covered], tables)
 
     @staticmethod
     def _face(array: np.ndarray, patch: Patch) -> np.ndarray:
@@ -124,7 +135,7 @@ class Boundaries:
             tables.put(self.free[d], spread[d])
         return spread
 
-    def begin(self, openings: tuple[Opening, ...], seed: int) -> None:
+    def _set_conditions(self, openings: tuple[Opening, ...], seed: int) -> None:
         """Set the boundary conditions before the first step; seed: for turbulent inflow."""
         self._openings: list[Fan | Inlet | Honeycomb] = []  # parameters of the jets
         self._swirl: list[dict[int, np.ndarray]] = []
@@ -150,14 +161,10 @@ class Boundaries:
             self._face(self._wall_velocities[p.axis], p)[p.covered] = 0.0
         self._sliding_targets = [self._along_walls(d) for d in range(self.dim)]
         self._targets = [target.copy() for target in self._sliding_targets]
-        self._put(
+        uploader(*self.target, *self.loss)(
             *(self.spread(target, d) for d, target in enumerate(self._targets)),
             *(self.spread(faces, d) for d, faces in enumerate(loss)),
         )
-        for n, fan in self.curved.items():
-            curve = curve_of(self._openings[n])
-            assert curve is not None
-            fan.begin(curve, self._openings[n].speed_at(0.0))
         self.noise = {
             n: Fluctuations(p, o.turbulence_length or 0.4 * float(p.half.min()), seed, f"inflow {n}")
             for n, (p, o) in enumerate(zip(self.jets, self._openings, strict=True))

@@ -59,12 +59,7 @@ class Downwash:
         """Half sizes of the box around the discs of a drone [m]."""
         self.block: Field = ti.vector_field(3, ti.i32, ())
         """Number of faces of the box per axis."""
-        self._put = uploader(self.reach, self.block)
-        self.begin(body)
-
-    def begin(self, body: Body) -> None:
-        """Set the mass and the dimensions of the drones from `body`."""
-        dx = self.grid.dx
+        dx = grid.dx
         mass, arm = body.mass or 0.0, body.arm or 0.0
         radius = max(body.rotor_radius or 0.0, LEAST_RADIUS * dx)
         across = arm + radius + 0.5 * dx
@@ -72,7 +67,7 @@ class Downwash:
         cells = zip(block, self.grid.shape, self.grid.periodic, strict=True)
         block = [min(faces, n) if periodic else faces for faces, n, periodic in cells]
         self.cells = self.count * 3 * prod(block)
-        self._put([across, across, dx], block)
+        uploader(self.reach, self.block)([across, across, dx], block)
         self.n.set(mass=mass, radius=radius, arm=arm, height=body.height, runs=0.0)
         thrust = mass * (GRAVITY + (body.max_acceleration or 0.0))
         disc = pi * min(self.rotors * radius**2, (arm + radius) ** 2)

@@ -19,13 +19,17 @@ class Emission:
 
     STATE = ("pulses", "rng", "_dish_rate", "_due")
 
-    def __init__(self, name: str, wind: Wind | None = None):
-        """Prepare; name: of the random stream; wind: wind over a dish. The owner calls `begin`."""
-        self.name, self.wind = name, wind
-
-    def begin(self, source: Source, t: float, seed: int, species: Species | None = None) -> None:
-        """Reset the emission for a run that starts at t [s]; species: the liquid in a dish."""
-        self.source = source
+    def __init__(
+        self,
+        name: str,
+        source: Source,
+        t: float,
+        seed: int,
+        species: Species | None = None,
+        wind: Wind | None = None,
+    ):
+        """name: of the random stream; t: start of the run [s]; species: the liquid in a dish; wind: over a dish."""
+        self.name, self.source, self.wind = name, source, wind
         self.evaporation = None
         if source.dish is not None:
             assert species is not None, f"{self.name} is a dish of nothing"
@@ -76,17 +80,12 @@ class Portions:
 
     STATE = ("emission", "rng", "pending", "_next")
 
-    def __init__(self, name: str, wind: Wind):
-        """Prepare; name: of the random streams; wind: wind over a dish. The owner calls `begin`."""
-        self.name = name
-        self.emission = Emission(name, wind)
-
-    def begin(self, source: Source, gas: PuffGas, t: float, seed: int) -> None:
-        """Reset the release for a run that starts at t [s]."""
+    def __init__(self, name: str, source: Source, gas: PuffGas, wind: Wind, t: float, seed: int):
+        """name: of the random streams; wind: wind over a dish; t: start of the run [s]."""
         self.source = source
         self.rate, self.poisson = gas.release_rate, gas.poisson
-        self.emission.begin(source, t, seed, gas.vapour)
-        self.rng = generator(seed, f"{self.name} puffs")
+        self.emission = Emission(name, source, t, seed, gas.vapour, wind)
+        self.rng = generator(seed, f"{name} puffs")
         self.pending = 0.0  # kg, emitted but not yet in a puff
         self._next = t + self._intervals(1)[0]
 

@@ -31,22 +31,28 @@ def _mean(p: Template, cells: Template, weights: Template, count: Template) -> t
 class CurvedFan:
     """Speed of a fan with a characteristic curve. area: of the opening [m²]; density: of the air [kg/m³].
 
-    cells: (n, dim) behind the opening, on the padded grid; weights: weights of their pressures.
+    cells: (n, dim) behind the opening, on the padded grid; weights: weights of their pressures. speed: at the start
+    [m/s]. The caller sets the inertia of the air in front.
     """
 
     STATE = ("speed", "acceleration")
 
-    def __init__(self, area: float, density: float, cells: np.ndarray, weights: np.ndarray, tables: Tables):
-        self.area, self.density = area, density
+    def __init__(
+        self,
+        curve: FanCurve,
+        speed: float,
+        area: float,
+        density: float,
+        cells: np.ndarray,
+        weights: np.ndarray,
+        tables: Tables,
+    ):
         self.count = len(cells)
         self.cells = tables.listed(cells)
         self.weights = tables.listed(weights / weights.sum())
-
-    def begin(self, curve: FanCurve, speed: float) -> None:
-        """Reset the fan to a speed [m/s]; the caller then sets the inertia of the air in front."""
         self.speed = speed
-        self.free_speed = curve.flow / self.area
-        self.shut_off = curve.pressure / self.density  # kinematic [m²/s²]
+        self.free_speed = curve.flow / area
+        self.shut_off = curve.pressure / density  # kinematic [m²/s²]
         self.inertia = 0.0  # m of the air in front [m]
         self.blades = 2.0 * self.shut_off / self.free_speed * curve.response  # r [m]
         self.acceleration = 0.0  # acceleration in the last step [m/s²]

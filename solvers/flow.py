@@ -68,7 +68,7 @@ class FlowSolver(Carrier):
         self.grid = grid
         self.dim = grid.dim
         tables = Tables()
-        self.boundaries = Boundaries(model.openings, grid, air.area, tables)
+        self.boundaries = Boundaries(model.openings, grid, air.area, tables, seed)
         self._area = [grid.pad_faces(faces, d) for d, faces in enumerate(air.area)]
         fractions = opennesses(grid, self._area, self.boundaries.is_free)
         self.u = grid.faces_field()
@@ -79,34 +79,45 @@ class FlowSolver(Carrier):
         self._start, self._rate = grid.faces_field(), grid.faces_field()  # u at the start of the step, du/dt
         heat = model.buoyancy.heat if model.buoyancy is not None else None
         theta = Scalar(grid) if heat is not None else None
-        self.weighing = tuple(weighing)
-        fields = [scalar.field for scalar in weighing] + ([theta.q] if theta is not None else [])
+        weighing = list(weighing)
+        if heat is not None and theta is not None:
+            weighing.append(BuoyantScalar(theta.q, -heat.volume_expansion))
         sources = [scalar.source for scalar in weighing if scalar.source is not None]
         areas = None if air.empty else self._area
         away = None if self.nu is None else distances(air, self.boundaries.is_wall, grid)
         self.momentum = Momentum(
-            model, grid, self.u, self.p, self.nu, fractions, areas, fields, sources, tables, away
-        )
+            model, grid, self.u, self.p, self.nu, fractions, areas, [scalar.field for scalar in weighing],
+            [scalar.weight for scalar in weighing], sources, tables, away,
+        )  # fmt: skip
         self.walls = None
         if self.nu is not None and not all(grid.periodic):
             self.walls = Walls(self.boundaries, self.momentum)
         self.open, self.area = self.momentum.open, self.momentum.area
-        self.screens = [ScreenResistance(screen, grid, fractions, tables) for screen in model.screens]
-        self.resistances: tuple[Resistance, ...] = (*self.screens, *(make(self.open) for make in resistances))
+        screens = (
+            ScreenResistance(screen, grid, fractions, tables, model.viscosity) for screen in model.screens
+        )
+        self.resistances: tuple[Resistance, ...] = (*screens, *(make(self.open) for make in resistances))
         self.surfaces = None if air.empty else Surfaces(self.momentum, air, self._area, fractions, tables)
         self.limits = Limits(self.momentum)
         tables.upload()
         self.solver = pressure_solver(tuple(a * o for a, o in zip(self._area, fractions, strict=True)), grid)
         self._compile_step()
         self._read_velocity = reader(*self.u)
-        self._take_numbers(model)
+        self.courant, self.tolerance, self.viscosity = model.courant, model.tolerance, model.viscosity
+        self._stages = stages_for(model.courant)
+        self._weights = self.limits.weights(model.courant)
+        self.schmidt = 1.0 if model.turbulence.kind == "none" else model.turbulence.schmidt
         self.heat: HeatSolver | None = None
         if heat is not None:
             try:
-                self.heat = HeatSolver(heat, grid, self, self.boundaries.patches, air, theta)
+                self.heat = HeatSolver(heat, grid, self, self.boundaries.patches, air, theta, seed)
             except ValueError as error:
                 raise ValueError(f"buoyancy.heat.{error}") from None
-        self.begin(model, t, seed)
+        self.max_speed, self.max_courant = 1.0, 0.0
+        self.boundaries.measure_inertia(self._impulse)
+        for field in self.u:
+            field.fill(0.0)
+        self._settle()
 
     # ---------------------------------------------------------------- the step
 
@@ -238,32 +249,6 @@ class FlowSolver(Carrier):
         self._correct(dt)
 
     # ---------------------------------------------------------------- the start of a run
-
-    def begin(self, model: CfdWind, t: float, seed: int) -> None:
-        """Start a run at time t [s] from the potential flow that the openings force."""
-        self._take_numbers(model)
-        self.boundaries.begin(model.openings, seed)
-        weights, gravity = [], np.zeros(self.dim)
-        if model.buoyancy is not None:
-            gravity, heat = np.array(model.buoyancy.pull(self.dim)), model.buoyancy.heat
-            weights = [scalar.weight for scalar in self.weighing]
-            weights += [] if heat is None else [-heat.volume_expansion]
-            if self.heat is not None and heat is not None:
-                self.heat.begin(heat, t, seed)
-        self.momentum.begin(model, np.array(weights), gravity)
-        for resistance, screen in zip(self.screens, model.screens, strict=True):
-            resistance.begin(screen, model.viscosity)
-        self.max_speed, self.max_courant = 1.0, 0.0
-        self.boundaries.measure_inertia(self._impulse)
-        for field in self.u:
-            field.fill(0.0)
-        self._settle()
-
-    def _take_numbers(self, model: CfdWind) -> None:
-        self.courant, self.tolerance, self.viscosity = model.courant, model.tolerance, model.viscosity
-        self._stages = stages_for(model.courant)
-        self._weights = self.limits.weights(model.courant)
-        self.schmidt = 1.0 if model.turbulence.kind == "none" else model.turbulence.schmidt
 
     def start_from(self, velocity: Callable[[np.ndarray], np.ndarray]) -> None:
         """Set u from a function of points (..., dim) [m] to velocities [m/s], made divergence-free; p becomes 0."""

@@ -1,6 +1,10 @@
 """Frozen flow: time average of a computed flow; the average is divergence-free like the flow."""
 
+from typing import Any
+
 from taichi_plume.engine import ti
+from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import launch
 from taichi_plume.scenario.winds import FrozenWind
 from taichi_plume.solvers.flow import FlowSolver
@@ -16,6 +20,13 @@ class FrozenSolver(FlowSolver):
 
     STATE = (*FlowSolver.STATE, "means", "frozen", "_averaged")
 
+    def __init__(self, model: FrozenWind, grid: Grid, air: Air, t: float = 0.0, *others: Any, **named: Any):
+        super().__init__(model, grid, air, t, *others, **named)
+        self.until = t + model.after
+        self.since = self.until - (0.5 * model.after if model.average is None else model.average)
+        self.frozen = False
+        self._averaged = 0.0  # time averaged so far [s]
+
     def _compile_step(self) -> None:
         super()._compile_step()
         moving = [*self.u, *([self.nu] if self.nu is not None else [])]
@@ -24,13 +35,6 @@ class FrozenSolver(FlowSolver):
         self._stand_still = self.grid.blending(moving, self.means)
         # unlike `_finish`, without filling ghosts: beyond the inlets the mean counts, not the last gust
         self._measure_mean = launch(*self.limits.passes())
-
-    def begin(self, model: FrozenWind, t: float, seed: int) -> None:
-        super().begin(model, t, seed)
-        self.until = t + model.after
-        self.since = self.until - (0.5 * model.after if model.average is None else model.average)
-        self.frozen = False
-        self._averaged = 0.0  # time averaged so far [s]
 
     def stable_dt(self, t: float = 0.0) -> float:
         """Return the largest stable time step [s] of the flow at time t; infinite once the flow is frozen."""

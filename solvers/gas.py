@@ -21,7 +21,7 @@ from taichi_plume.solvers.convection import LIMITED
 from taichi_plume.solvers.emission import Emission
 from taichi_plume.solvers.openings import VENTS, Patch, patch_of
 from taichi_plume.solvers.release import Release
-from taichi_plume.solvers.surface_exchange import SurfaceExchange
+from taichi_plume.solvers.surface_exchange import Surface, SurfaceExchange
 from taichi_plume.solvers.transport import Scalar, Transport
 
 
@@ -50,7 +50,11 @@ class EulerianSolver(GridGas):
         self.dim = grid.dim
         self.air, self._solid = grid.field(), air.solid
         uploader(self.air)(grid.pad(~air.solid))
-        self.emissions = [Emission(f"{name}.sources[{n}]", wind) for n in range(len(gas.sources))]
+        self.species = gas.vapour
+        self.emissions = [
+            Emission(f"{name}.sources[{n}]", source, t, seed, self.species, wind)
+            for n, source in enumerate(gas.sources)
+        ]
         room = np.where(air.solid, 0.0, 1.0) if wind.area is None else air.room
         self.release = Release("sources", gas.sources, grid, air, room)
 
@@ -58,37 +62,36 @@ class EulerianSolver(GridGas):
         self._vents = self._patches(gas, openings, air)
         self.surfaces: SurfaceExchange | None = None
         if gas.surfaces is not None:
-            numbers = [obstacle.number for obstacle in gas.surfaces.obstacles]
+            walls, obstacles = gas.surfaces.walls, gas.surfaces.obstacles
+            surfaces = [
+                Surface(
+                    surface.transfer,
+                    inf if surface.uptake is None else surface.uptake,
+                    self._density(surface.concentration or 0.0),
+                )
+                for surface in (*walls, *obstacles)
+            ]
+            numbers = [obstacle.number for obstacle in obstacles]
             vents = [vent for vent in self._vents.values() if vent.kind in VENTS]
             try:
-                self.surfaces = SurfaceExchange(grid, wind, air, gas.surfaces.walls, numbers, vents)
+                self.surfaces = SurfaceExchange(
+                    grid, wind, air, walls, numbers, vents, surfaces, self.species.diffusivity
+                )
             except ValueError as error:
                 raise ValueError(f"surfaces.{error}") from None
         scalar, scheme = scalar or Scalar(grid), LIMITED[gas.convection]
         adding = self.release.adding(scalar)
-        self.transport = Transport(grid, wind, air, scheme, scalar, adding, self.surfaces, bool(gas.inflow))
+        self.transport = Transport(
+            grid, wind, air, scheme, scalar, self.species.diffusivity, wind.schmidt, adding, self.surfaces,
+            bool(gas.inflow),
+        )  # fmt: skip
         self.c, self.source = scalar.q, scalar.source
         if self.source is not None:
             self.STATE = (*EulerianSolver.STATE, "source")
             self._fill = launch(self.release.filling(self.source, self.transport.room))
             self._regions = air.regions()
-        self.begin(gas, t, seed)
-
-    def begin(self, model: EulerianGas, t: float = 0.0, seed: int = 0) -> None:
-        """Reset the gas for a run and place the sources. Raises ValueError for a source without air."""
-        self.species = model.vapour
-        self._inflow = model.inflow
-        self.release.begin(model.sources)
         self._displaces = self.source is not None and self._all_vented()
-        for emission, source in zip(self.emissions, model.sources, strict=True):
-            emission.begin(source, t, seed, self.species)
-        self.transport.begin(self.species.diffusivity, self._carrier.schmidt)
-        if self.surfaces is not None and model.surfaces is not None:
-            named = (*model.surfaces.walls, *model.surfaces.obstacles)
-            uptake = [inf if surface.uptake is None else surface.uptake for surface in named]
-            held = [self._density(surface.concentration or 0.0) for surface in named]
-            films = [surface.transfer for surface in named]
-            self.surfaces.begin(films, uptake, held, self.species.diffusivity)
+        self._inflow = gas.inflow
         self._carried: list[float] = []
         self._bring(t)
         self.emitted_kg = self.initial_kg = 0.0

@@ -44,25 +44,20 @@ class GaussianPuffs(Gas):
     STATE = ("mass", "centre", "variance", "_start")
 
     def __init__(self, gas: GaussianPuffGas, grid: Grid, wind: UniformSolver, t: float = 0.0):
-        """Allocate and start the gas at t [s], the start of the run; `wind.begin` must have been called."""
-        self.grid, self.dim = grid, grid.dim
-        self.wind = wind
+        """t: start of the run [s]."""
+        self.dim, self.wind, self.species = grid.dim, wind, gas.vapour
         self.count = len(gas.releases)
         self.walls = reflecting(gas, grid)
         self.mass: Field = ti.field(ti.f32, self.count)
         self.centre: Field = ti.vector_field(grid.dim, ti.f32, self.count)
         self.variance: Field = ti.vector_field(grid.dim, ti.f32, self.count)
         self._put = uploader(self.mass, self.centre, self.variance)
-        self.begin(gas, t, 0)
-
-    def begin(self, model: GaussianPuffGas, t: float, seed: int) -> None:
-        self.species = model.vapour
-        self._time = np.array([release.time for release in model.releases])
-        self._radius = np.array([release.radius for release in model.releases])
-        self._place = np.array([release.position for release in model.releases])
-        depth = self.grid.depth if self.dim == 2 else 1.0
-        self._mass = np.array([release.mass for release in model.releases]) / depth
-        self._diffusivity = diffusivities(model, self.dim)
+        self._time = np.array([release.time for release in gas.releases])
+        self._radius = np.array([release.radius for release in gas.releases])
+        self._place = np.array([release.position for release in gas.releases])
+        depth = grid.depth if self.dim == 2 else 1.0
+        self._mass = np.array([release.mass for release in gas.releases]) / depth
+        self._diffusivity = diffusivities(gas, self.dim)
         self._start = np.full((self.count, self.dim), np.nan)  # the air's displacement at the release
         self.advance(t, 0.0)
 
@@ -105,9 +100,8 @@ class ContinuousPuffs(Gas):
     STATE = ("youngest", "oldest")
 
     def __init__(self, gas: ContinuousGas, grid: Grid, wind: UniformSolver, t: float = 0.0):
-        """Allocate and start the gas at t [s], the start of the run; `wind.begin` must have been called."""
-        self.grid, self.dim = grid, grid.dim
-        self.wind = wind
+        """t: start of the run [s]."""
+        self.dim, self.species = grid.dim, gas.vapour
         self.count = len(gas.sources)
         self.walls = reflecting(gas, grid)
         self.U: Field = ti.vector_field(grid.dim, ti.f32, ())
@@ -117,27 +111,20 @@ class ContinuousPuffs(Gas):
         self.rate, self.spread = (ti.field(ti.f32, self.count) for _ in range(2))
         self.youngest, self.oldest = (ti.field(ti.f32, self.count) for _ in range(2))
         self.node, self.weight = (ti.field(ti.f32, NODES) for _ in range(2))
-        self._put = uploader(
-            self.U, self.D, self.root_B, self.place, self.rate, self.spread, self.node, self.weight
-        )
         self._put_ages = uploader(self.youngest, self.oldest)
-        self.begin(gas, t, 0)
-
-    def begin(self, model: ContinuousGas, t: float, seed: int) -> None:
-        self.species = model.vapour
-        D, U = diffusivities(model, self.dim), np.array(self.wind.mean)
-        depth = self.grid.depth if self.dim == 2 else 1.0
+        D, U = diffusivities(gas, self.dim), np.array(wind.mean)
+        depth = grid.depth if self.dim == 2 else 1.0
         mean = float(np.exp(np.log(D).mean()))
         self._span = [
-            (-inf if s.start is None else s.start, inf if s.stop is None else s.stop) for s in model.sources
+            (-inf if s.start is None else s.start, inf if s.stop is None else s.stop) for s in gas.sources
         ]
-        self._put(
+        uploader(self.U, self.D, self.root_B, self.place, self.rate, self.spread, self.node, self.weight)(
             U,
             D,
             max(np.sqrt((U**2 / (4.0 * D)).sum()), 1e-15),
-            [source.position for source in model.sources],
-            [source.rate / depth for source in model.sources],
-            [source.radius**2 / (2.0 * mean) for source in model.sources],
+            [source.position for source in gas.sources],
+            [source.rate / depth for source in gas.sources],
+            [source.radius**2 / (2.0 * mean) for source in gas.sources],
             *np.polynomial.legendre.leggauss(NODES),
         )
         self.advance(t, 0.0)

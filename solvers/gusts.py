@@ -59,7 +59,7 @@ class OrnsteinUhlenbeck:
         reach: float,
         rng: np.random.Generator,
     ):
-        """Allocate the ring buffer of knots and start the processes; arguments as for `begin`."""
+        """deviations: standard deviations; time: integral time [s]; t: first time used [s]; reach: memory [s]."""
         self.size = len(deviations)
         self.count = max(knots(time, reach), LEAST)
         self.path = ti.vector_field(2 * self.size, ti.f32, self.count)
@@ -67,25 +67,6 @@ class OrnsteinUhlenbeck:
         self.share = ti.field(ti.f32, ())
         self.now = ti.vector_field(self.size, ti.f32, ())
         self.n = Numbers("reach", "interval")
-        self.begin(deviations, time, t, reach, rng)
-
-    def begin(
-        self,
-        deviations: Sequence[float],
-        time: float,
-        t: float,
-        reach: float,
-        rng: np.random.Generator,
-    ) -> None:
-        """Reset the processes; deviations: standard deviations; time: integral time [s]; t: first time used [s].
-
-        Raises ValueError if the ring buffer of knots is too short for these gusts.
-        """
-        if knots(time, reach) > self.count:
-            raise ValueError(
-                f"gusts of {time:g} s, of which {reach:g} s are remembered, take {knots(time, reach)} knots; "
-                f"there is room for {self.count}"
-            )
         self.deviations = np.asarray(deviations, float)
         self.time, self.reach, self.interval = time, reach, interval(time, reach)
         self.n.set(reach=reach, interval=self.interval)

@@ -27,22 +27,20 @@ WIDENED = 1.0 / 12.0 + 1.0 / 6.0  # variance [cells²] added by means over cells
 class Handover:
     """Handover of wide puffs: their gas is deposited on the grid, and the wind transports it there.
 
-    solver: `PuffSolver` whose puffs are handed over; convection: key of the convection scheme.
+    solver: `PuffSolver` whose puffs are handed over; convection: key of the convection scheme; diffusivity [m²/s]: by
+    molecules and all motion that the wind does not resolve.
     """
 
     STATE = ("transport",)
 
-    def __init__(self, solver: Any, wind: Carrier, air: Air, convection: str):
+    def __init__(self, solver: Any, wind: Carrier, air: Air, convection: str, diffusivity: float):
         self.solver, self.grid, self.wind = solver, solver.grid, wind
         self.limit = (WIDTH * self.grid.dx) ** 2
         self.air = self.grid.field()
         uploader(self.air)(self.grid.pad(~air.solid))
-        self.transport = Transport(self.grid, wind, air, LIMITED[convection], Scalar(self.grid))
+        scheme = LIMITED[convection]
+        self.transport = Transport(self.grid, wind, air, scheme, Scalar(self.grid), diffusivity, wind.schmidt)
         self._deposit = Deposit(solver, air, self.transport.q, self.transport.rest)
-
-    def begin(self, diffusivity: float) -> None:
-        """Reset the gas; diffusivity [m²/s]: by molecules and all motion that the wind does not resolve."""
-        self.transport.begin(diffusivity, self.wind.schmidt)
 
     def advance(self, t: float, dt: float) -> None:
         """Move the mass of wide puffs to the grid, then advance the gas on the grid from t to t + dt [s]."""

@@ -23,7 +23,7 @@ from taichi_plume.scenario.opening_base import Vent
 from taichi_plume.solvers.convection import LIMITED
 from taichi_plume.solvers.openings import VENTS, Patch
 from taichi_plume.solvers.release import Release
-from taichi_plume.solvers.surface_exchange import SurfaceExchange
+from taichi_plume.solvers.surface_exchange import Surface, SurfaceExchange
 from taichi_plume.solvers.transport import Scalar, Transport
 
 WIDTH, DURATION = 0.5, 3.0  # fitted to trials of a source; durations of 2 and 5 differ by no more than seeds
@@ -46,13 +46,10 @@ class HeatPuffs:
 
     STATE = ()
 
-    def __init__(self, release: Release):
-        """Prepare puffs for the heaters of `release`. The owner calls `begin`."""
+    def __init__(self, release: Release, heat: Heat, seed: int):
+        """release: of the heaters of `heat`."""
         self.release = release
         self._periods = np.where(release.grid.periodic, release.grid.shape, np.inf)
-
-    def begin(self, heat: Heat, seed: int) -> None:
-        """Set the heaters, which `release` has placed, and the seed of the puffs."""
         self._share, self._seed = heat.unsteadiness, seed
         self._radii = [max(heater.radius, self.release.grid.dx) for heater in heat.heaters]
         self._rates = [
@@ -97,45 +94,45 @@ class HeatSolver:
         patches: Sequence[Patch],
         air: Air,
         scalar: Scalar | None = None,
+        seed: int = 0,
     ):
         """patches: openings of the wind; scalar: theta, if the flow has buoyancy. Raises ValueError for a heater or a
         surface that touches no air.
         """
         self.grid, self.air = grid, air
-        self.release = Release("heaters", heat.heaters, grid, air, air.room) if heat.heaters else None
-        self.puffs = HeatPuffs(self.release) if self.release and wind.nu is not None else None
+        self.reference, self.capacity, self.heaters = heat.reference, heat.capacity, heat.heaters
+        self.heaters_joule = self.initial_joule = 0.0
+        self.release = self.puffs = None
+        if heat.heaters:
+            blurred = wind.nu is not None and heat.unsteadiness > 0.0
+            self.release = Release("heaters", heat.heaters, grid, air, air.room, blurred)
+            self.puffs = None if wind.nu is None else HeatPuffs(self.release, heat, seed)
         self._vents = [patch for patch in patches if patch.kind in VENTS]
         self.surfaces: SurfaceExchange | None = None
         if heat.walls or heat.obstacles:
+            surfaces = [
+                Surface(
+                    None if wall.transfer is None else wall.transfer / heat.capacity,
+                    inf,
+                    wall.temperature - self.reference,
+                )
+                for wall in (*heat.walls, *heat.obstacles)
+            ]
             numbers = [obstacle.number for obstacle in heat.obstacles]
-            self.surfaces = SurfaceExchange(grid, wind, air, heat.walls, numbers, self._vents)
+            self.surfaces = SurfaceExchange(
+                grid, wind, air, heat.walls, numbers, self._vents, surfaces, heat.diffusivity
+            )
 
         scalar, scheme = scalar or Scalar(grid), LIMITED["koren"]
-        has_inflow = any(_temperature(vent) is not None for vent in self._vents)
+        given = [(vent, _temperature(vent)) for vent in self._vents]
+        inflow = [(vent, kelvin - self.reference) for vent, kelvin in given if kelvin is not None]
         adding = self.release.adding(scalar) if self.release else None
-        self.transport = Transport(grid, wind, air, scheme, scalar, adding, self.surfaces, has_inflow)
+        self.transport = Transport(
+            grid, wind, air, scheme, scalar, heat.diffusivity, heat.prandtl_turbulent, adding, self.surfaces,
+            bool(inflow),
+        )  # fmt: skip
         self.theta = scalar.q
-        self.begin(heat)
-
-    def begin(self, model: Heat, t: float = 0.0, seed: int = 0) -> None:
-        """Reset the temperature for a run and place the heaters. Raises ValueError for a heater that touches no air."""
-        self.reference = model.reference
-        self.capacity = model.capacity
-        self.heaters = model.heaters
-        self.heaters_joule = self.initial_joule = 0.0
-        if self.release is not None:
-            self.release.begin(model.heaters, blurred=self.puffs is not None and model.unsteadiness > 0.0)
-        if self.puffs is not None:
-            self.puffs.begin(model, seed)
-        if self.surfaces is not None:
-            named = (*model.walls, *model.obstacles)
-            films = [None if wall.transfer is None else wall.transfer / model.capacity for wall in named]
-            held = [wall.temperature - self.reference for wall in named]
-            self.surfaces.begin(films, [inf] * len(named), held, model.diffusivity)
-        self.transport.begin(model.diffusivity, model.prandtl_turbulent)
-        if self.transport.inflow:
-            given = [(vent, _temperature(vent)) for vent in self._vents]
-            inflow = [(vent, kelvin - self.reference) for vent, kelvin in given if kelvin is not None]
+        if inflow:
             self.transport.set_inflow(inflow)
 
     def start_from(self, temperature: Callable[[np.ndarray], np.ndarray]) -> None:

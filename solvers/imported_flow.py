@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from math import sqrt
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -12,7 +13,6 @@ from taichi_plume.files.wind_site import Site
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.interpolation import Interpolation
-from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.solvers.playback import PlayedWind
 from taichi_plume.solvers.pressure import pressure_solver
 
@@ -92,6 +92,9 @@ class Projection:
         return u, sqrt(np.mean(changed**2) / max(np.mean(given**2), 1e-30)), left
 
 
+_films: "WeakKeyDictionary[Site, ImportedFilm]" = WeakKeyDictionary()  # of the scenarios in use
+
+
 class ImportedFilm:
     """Frames of an imported wind in memory, interpolated to the grid, with the interface of a `Film` (recorded run).
 
@@ -99,22 +102,25 @@ class ImportedFilm:
     divergence over the largest |u|/dx; speed through a face [m/s].
     """
 
+    @classmethod
+    def of(cls, site: Site, grid: Grid, air: Air) -> "ImportedFilm":
+        """Return the film of a site, computed once for equal air. Raises WindFileError."""
+        known = _films.get(site)
+        if known is None or not all(map(np.array_equal, known._air.area, air.area)):
+            known = _films[site] = cls(site, grid, air)
+        return known
+
     def __init__(self, site: Site, grid: Grid, air: Air):
         """Read, interpolate and project all wind files. Raises WindFileError."""
         self.grid, self._air, self._site = grid, air, site
         wind = site.wind
+        self.attributes = {"viscosity": wind.viscosity, "schmidt": wind.schmidt}
         self.times = np.array([time for time, _ in site.files])
-        self.begin(wind)
         self._project = Projection(grid, air, wind.walls)
         self.diagnostics = {"correction": 0.0, "max_divergence": 0.0, "max_speed": 0.0}
         self._place = np.empty(0)
         self._frames = [self._frame(site.read(path)) for _, path in site.files]
         self.wind = list(self._frames[0])
-
-    def begin(self, wind: ImportedWind) -> None:
-        """Take viscosity, eddy viscosity and Schmidt number from the section `wind` of a scenario."""
-        self._wind = wind
-        self.attributes: dict[str, float] = {"viscosity": wind.viscosity, "schmidt": wind.schmidt}
 
     def still(self, name: str) -> np.ndarray:
         """Return for name "open_u", "open_v" or "open_w" which faces inside the domain let air through."""
@@ -128,9 +134,9 @@ class ImportedFilm:
         """Return the variables `names` of frame n as arrays with axes (x, y, z); viscosity includes that of eddies."""
         frame = {name: self._frames[n][name] for name in names}
         if "viscosity" in frame:
-            eddies, given = frame["viscosity"], self._wind.eddy_viscosity
+            eddies, given = frame["viscosity"], self._site.wind.eddy_viscosity
             eddies = eddies if given is None else np.full_like(eddies, given)
-            frame["viscosity"] = np.asarray(self._wind.viscosity + eddies, np.float32)
+            frame["viscosity"] = np.asarray(self._site.wind.viscosity + eddies, np.float32)
         return frame
 
     def _frame(self, points: Points) -> dict[str, np.ndarray]:
@@ -171,10 +177,6 @@ class ImportedFlow(PlayedWind):
     """Flow that another program (CFD) computed, played back from its imported files."""
 
     frames: ImportedFilm
-
-    def begin(self, model: ImportedWind, t: float, seed: int) -> None:
-        self.frames.begin(model)
-        super().begin(model, t, seed)
 
     def diagnostics(self) -> dict[str, float]:
         return self.frames.diagnostics

@@ -57,7 +57,7 @@ def opennesses(grid: Grid, area: Sequence[np.ndarray], is_free: Sequence[np.ndar
 @dataclass
 class BuoyantScalar:
     """Cell field that changes the air's density (buoyancy, Boussinesq). weight: relative change of the density per unit
-    of the field, which the flow reads in `begin`; source: cell field of the released volume of the scalar's gas [1/s],
+    of the field; source: cell field of the released volume of the scalar's gas [1/s],
     None if the scalar takes no space.
     """
 
@@ -88,13 +88,15 @@ class Momentum:
         fractions: Sequence[np.ndarray],
         areas: Sequence[np.ndarray] | None,
         weighing: Sequence[Field],
+        weights: Sequence[float],
         sources: Sequence[Field],
         tables: Tables,
         distance: np.ndarray | None,
     ):
         """fractions, areas: of all faces on the padded grid, see `fields.Carrier`; no areas if no face is cut.
 
-        distance: from the cells to the next surface [m], grid.shape; None without a turbulence model.
+        weights: relative change of the density per unit of each weighing field. distance: from the cells to the next
+        surface [m], grid.shape; None without a turbulence model.
         """
         self.grid, self.dim, self.dx = grid, grid.dim, grid.dx
         self.u, self.p, self.nu = u, p, nu
@@ -125,7 +127,6 @@ class Momentum:
         if distance is not None:
             self._near = grid.pad(distance)
             self.distance, self.mixing = put(self._near), grid.field()
-            self._put_mixing = uploader(self.mixing)
         self.eddy_model = MODELS.get(model.turbulence.kind)
         self.face_value = FACE_VALUES[model.convection]
         self.driven = model.acceleration is not None
@@ -135,25 +136,20 @@ class Momentum:
         count = max(1, len(self.weighing))
         self.weight = ti.field(ti.f32, count)
         self.pull, self.half_pull = (ti.vector_field(grid.dim, ti.f32, count) for _ in range(2))
-        self._put = uploader(
-            self.viscosity, self.constant, self.roughness, self.force, self.weight, self.pull, self.half_pull
-        )
+        self._set_parameters(model, np.array(weights or [0.0]))
 
-    def begin(self, model: CfdWind, weight: np.ndarray, gravity: np.ndarray) -> None:
-        """Set the parameters; weight: relative change of the density per unit of each weighing field (count,); gravity:
-        (dim,) [m/s²].
-        """
+    def _set_parameters(self, model: CfdWind, weight: np.ndarray) -> None:
+        gravity = np.array((0.0,) * self.dim if model.buoyancy is None else model.buoyancy.pull(self.dim))
         constant = 0.0 if model.turbulence.kind == "none" else model.turbulence.constant
         force = np.array(model.acceleration or (0.0,) * self.dim) * self.dx
-        weight = weight if len(weight) else np.zeros(1)
         pull = weight[:, None] * gravity
-        self._put(
-            model.viscosity, constant, model.roughness or 0.0, force, weight, pull, 0.5 * self.dx * pull
-        )
+        uploader(
+            self.viscosity, self.constant, self.roughness, self.force, self.weight, self.pull, self.half_pull
+        )(model.viscosity, constant, model.roughness or 0.0, force, weight, pull, 0.5 * self.dx * pull)
         if model.turbulence.kind != "none":
             grids, surface = mixing_lengths(self._near, self.dx, constant)
             smagorinsky = model.turbulence.kind == "smagorinsky"
-            self._put_mixing(np.maximum(grids, surface) if smagorinsky else surface)
+            self.mixing.from_numpy(np.maximum(grids, surface) if smagorinsky else surface)
 
 
 def sheared_areas(areas: Sequence[np.ndarray], d: int) -> list[np.ndarray]:

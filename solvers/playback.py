@@ -67,9 +67,11 @@ class FramePlayer:
         grid: Grid,
         names: list[str],
         margin: int,
+        model: Played,
+        t: float,
         prepare: Callable[[dict[str, np.ndarray]], FrameValues] | None = None,
     ):
-        """Create the fields; they are empty until `begin` shows the first frame."""
+        """Start playback at simulated time t [s]; model: settings with the start time, the rate and the loop."""
         self.film, self.grid, self.names, self.margin = film, grid, names, margin
         self.prepare = prepare
         self.now = {name: grid.field() for name in names}
@@ -78,9 +80,6 @@ class FramePlayer:
         if prepare:
             self._approach = grid.blending(list(self.now.values()), list(self._goal.values()))
             self._pool = ThreadPoolExecutor(1, "film")
-
-    def begin(self, model: Played, t: float) -> None:
-        """Start playback at simulated time t [s]; model: settings with the start time, the rate and the loop."""
         self.model, self.times = model, self.film.times
         steps = np.diff(self.times)
         self.period = self.times[-1] - self.times[0] + (np.median(steps) if len(steps) else np.inf)
@@ -148,13 +147,14 @@ class PlayedWind(Carrier):
         film: "Film | ImportedFilm",
         grid: Grid,
         t: float = 0.0,
-        seed: int = 0,
     ):
         self.grid = grid
         self.dim = grid.dim
         self.frames = film
-        self.film = FramePlayer(film, grid, film.wind, 1, self._prepare)
+        self.viscosity = float(film.attributes["viscosity"])
+        self.schmidt = float(film.attributes["schmidt"])
         self.speed_names = film.wind[: grid.dim]
+        self.film = FramePlayer(film, grid, film.wind, 1, wind, t, self._prepare)
         self.u = tuple(self.film.now[name] for name in self.speed_names)
         self.nu = self.film.now.get("viscosity")
         air = film.air()
@@ -166,12 +166,6 @@ class PlayedWind(Carrier):
         ]
         cut = [grid.pad_faces(area, d) for d, area in enumerate(air.area)] if self.area else []
         uploader(*self.open, *(self.area or ()))(*still, *cut)
-        self.begin(wind, t, seed)
-
-    def begin(self, model: PlaybackWind | ImportedWind, t: float, seed: int) -> None:
-        self.viscosity = float(self.frames.attributes["viscosity"])
-        self.schmidt = float(self.frames.attributes["schmidt"])
-        self.film.begin(model, t)
         self._set_maxima()
 
     def _prepare(self, frame: dict[str, np.ndarray]) -> FrameValues:
@@ -209,15 +203,11 @@ class PlayedGas(GridGas):
         self.grid = grid
         self.dim = grid.dim
         name = film.gas_of(gas.species)
-        self.film = FramePlayer(film, grid, [name], grid.ghost, self._prepare)
+        self.species, self.density = gas.vapour, gas.density_per_unit
+        self.film = FramePlayer(film, grid, [name], grid.ghost, gas, t, self._prepare)
         self.c = self.film.now[name]
         self.air = grid.field()
         uploader(self.air)(grid.pad(film.still("volume") > 0))
-        self.begin(gas, t, 0)
-
-    def begin(self, model: PlaybackGas | MovieGas, t: float, seed: int) -> None:
-        self.species, self.density = model.vapour, model.density_per_unit
-        self.film.begin(model, t)
 
     def _prepare(self, frame: dict[str, np.ndarray]) -> FrameValues:
         """Return a frame's concentrations [kg/m³] with all ghost layers, by name; no maxima (None)."""
@@ -233,15 +223,10 @@ def variable(n: int) -> str:
 
 
 class TickFilm:
-    """Holder of a recording that runs share; between two runs another of equal shape and variables may replace it.
+    """Recording that runs share. wind: whether the film holds the wind; gases: paths, in the scenario, of its gases."""
 
-    wind: whether the film holds the wind; gases: paths, in the scenario, of the gases that the film holds.
-    """
-
-    film: "AirFilm"
-
-    def __init__(self, wind: bool, gases: tuple[str, ...]):
-        self.wind, self.gases = wind, gases
+    def __init__(self, film: "AirFilm", wind: bool, gases: tuple[str, ...]):
+        self.film, self.wind, self.gases = film, wind, gases
 
     @property
     def times(self) -> np.ndarray:
@@ -259,12 +244,8 @@ class TickWind(Wind):
 
     def __init__(self, film: TickFilm, grid: Grid, t: float):
         self.grid, self.dim = grid, grid.dim
-        self.film = FramePlayer(film, grid, list(VELOCITIES[: grid.dim]), 1)
+        self.film = FramePlayer(film, grid, list(VELOCITIES[: grid.dim]), 1, TICKS, t)
         self.u = tuple(self.film.now.values())
-        self.begin(None, t, 0)
-
-    def begin(self, model: object, t: float, seed: int) -> None:
-        self.film.begin(TICKS, t)
 
     def advance(self, t: float, dt: float) -> None:
         self.film.show(t + dt)
@@ -284,10 +265,6 @@ class TickGas(PlayedGas):
         # in trees of their own, as a solver's fields: otherwise LLVM sums in another order, and the last bit may differ
         self.air = grid.field()
         uploader(self.air)(grid.pad(~air.solid))
-        self.film = FramePlayer(film, grid, [variable(number)], 1)
-        (self.c,) = self.film.now.values()
-        self.begin(model, t, 0)
-
-    def begin(self, model: PureGas, t: float, seed: int) -> None:
         self.species = model.vapour
-        self.film.begin(TICKS, t)
+        self.film = FramePlayer(film, grid, [variable(number)], 1, TICKS, t)
+        (self.c,) = self.film.now.values()

@@ -52,9 +52,8 @@ class Plumes(Gas):
         seed: int = 0,
         name: str = "gas",
     ):
-        """Allocate and start the gas `name` at t [s], the start of the run; `wind.begin` must have been called."""
-        self.grid, self.dim, self.name = grid, grid.dim, name
-        self.wind = wind
+        """t: start of the run [s]; name: name of the gas, which selects its random numbers."""
+        self.dim, self.wind, self.species = grid.dim, wind, gas.vapour
         self.count = len(gas.sources)
         self.meanders = gas.kind == "meandering"
         self.most = most_walls(gas.reflecting(grid.dim), grid.dim)
@@ -65,7 +64,9 @@ class Plumes(Gas):
         self.axes: Field = ti.vector_field(grid.dim, ti.f32, grid.dim)
         self.growth: Field = ti.vector_field(3, ti.f32, grid.dim - 1)
         self.walls: Field = ti.vector_field(2, ti.f32, grid.dim - 1)
-        self._put = uploader(
+        model, depth = wind.model, grid.depth if self.dim == 2 else 1.0
+        fluctuation = gas.width_fluctuation
+        uploader(
             self.place,
             self.flow,
             self.radius,
@@ -74,32 +75,20 @@ class Plumes(Gas):
             self.axes,
             self.growth,
             self.walls,
-        )
-        self.begin(gas, t, seed)
-
-    def begin(self, model: GaussianPlumeGas | MeanderingGas, t: float, seed: int) -> None:
-        self.species = model.vapour
-        wind, depth = self.wind.model, self.grid.depth if self.dim == 2 else 1.0
-        fluctuation = model.width_fluctuation
-        self._put(
-            [source.position for source in model.sources],
-            [source.rate / wind.speed / depth for source in model.sources],
-            [source.radius for source in model.sources],
-            wind.speed,
+        )(
+            [source.position for source in gas.sources],
+            [source.rate / model.speed / depth for source in gas.sources],
+            [source.radius for source in gas.sources],
+            model.speed,
             fluctuation**2,
-            wind.frame,
-            model.growth(self.dim - 1, wind.speed),
-            walls_along(model.reflecting(self.dim), wind.frame[1:], self.grid.extent),
+            model.frame,
+            gas.growth(self.dim - 1, model.speed),
+            walls_along(gas.reflecting(self.dim), model.frame[1:], grid.extent),
         )
-        if not self.meanders:
-            return
-        assert wind.gusts is not None, "a meandering plume needs a wind with gusts"
-        reach, rng = memory(wind, self.grid.extent), generator(seed, f"{self.name}.width_fluctuation")
-        law = [fluctuation], wind.gusts.time, t, reach, rng
-        if self.width is None:
-            self.width = OrnsteinUhlenbeck(*law)
-        else:
-            self.width.begin(*law)
+        if self.meanders:
+            assert model.gusts is not None, "a meandering plume needs a wind with gusts"
+            reach, rng = memory(model, grid.extent), generator(seed, f"{name}.width_fluctuation")
+            self.width = OrnsteinUhlenbeck([fluctuation], model.gusts.time, t, reach, rng)
 
     def advance(self, t: float, dt: float) -> None:
         if self.width is not None:

@@ -41,15 +41,19 @@ class PointFilm:
 
     STATE = ("cloud", "shown")
 
-    def __init__(self, model: PointPlayback, frames: PointFrames, extent: tuple[float, ...], values: int):
-        """Create the cloud; `begin` shows the first frame. values: number of values per point."""
-        self.frames, self.interpolates = frames, model.interpolate
-        self.cloud = PointCloud(extent, frames.cell, values, int(np.diff(frames.begin).max()))
-
-    def begin(self, model: PointPlayback, t: float, value: np.ndarray) -> None:
+    def __init__(
+        self,
+        model: PointPlayback,
+        frames: PointFrames,
+        extent: tuple[float, ...],
+        value: np.ndarray,
+        t: float,
+    ):
         """Start at simulated time t [s]; value: (n, values) for all points; model: start, rate, loop and offset."""
+        self.frames, self.interpolates = frames, model.interpolate
+        self.cloud = PointCloud(extent, frames.cell, value.shape[1], int(np.diff(frames.begin).max()))
         self.model, self.value = model, value
-        self.place = self.frames.place + np.array(model.offset)
+        self.place = frames.place + np.array(model.offset)
         self.shown = -1
         self.show(t)
 
@@ -81,12 +85,8 @@ class PointGas(Gas):
     def __init__(
         self, gas: PlumeSimGas | FluentGas, frames: PointFrames, extent: tuple[float, ...], t: float = 0.0
     ):
-        self.film = PointFilm(gas, frames, extent, 1)
-        self.begin(gas, t, 0)
-
-    def begin(self, model: PlumeSimGas | FluentGas, t: float, seed: int) -> None:
-        self.species = model.vapour
-        self.film.begin(model, t, density_per_percent(model) * self.film.frames.percent[:, None])
+        self.species = gas.vapour
+        self.film = PointFilm(gas, frames, extent, density_per_percent(gas) * frames.percent[:, None], t)
 
     def advance(self, t: float, dt: float) -> None:
         self.film.show(t + dt)
@@ -108,14 +108,9 @@ class PointWind(Wind):
         frames: PointFrames,
         extent: tuple[float, ...],
         t: float = 0.0,
-        seed: int = 0,
     ):
         self.dim = len(extent)
-        self.film = PointFilm(wind, frames, extent, 2)
-        self.begin(wind, t, seed)
-
-    def begin(self, model: PlumeSimWind, t: float, seed: int) -> None:
-        self.film.begin(model, t, self.film.frames.wind)
+        self.film = PointFilm(wind, frames, extent, frames.wind, t)
 
     def advance(self, t: float, dt: float) -> None:
         self.film.show(t + dt)
@@ -139,29 +134,22 @@ class ProgramPuff(Gas):
     STATE = ("number",)
 
     def __init__(self, gas: PlumeSimPuff, extent: tuple[float, ...], t: float = 0.0):
-        self.extent = extent
+        self.model, self.species = gas, gas.vapour
         self.release, self.lowest, self.highest, self.spread = (
             ti.vector_field(2, ti.f32, ()) for _ in range(4)
         )
         self.cell, self.reach2, self.peak = (ti.field(ti.f32, ()) for _ in range(3))
-        self._put = uploader(
-            self.release, self.lowest, self.highest, self.spread, self.cell, self.reach2, self.peak
-        )
         self.number = ti.field(ti.f32, ())
-        self.begin(gas, t, 0)
-
-    def begin(self, model: PlumeSimPuff, t: float, seed: int) -> None:
-        self.model, self.species = model, model.vapour
-        nodes = np.array([max(1, int(width / model.cell + 1e-9)) for width in self.extent[:2]])
-        wide = 4 * pi * sqrt(model.diffusion[0] * model.diffusion[1])
-        self._put(
-            model.release_point,
-            1 - nodes if model.all_around else 0,
+        nodes = np.array([max(1, int(width / gas.cell + 1e-9)) for width in extent[:2]])
+        wide = 4 * pi * sqrt(gas.diffusion[0] * gas.diffusion[1])
+        uploader(self.release, self.lowest, self.highest, self.spread, self.cell, self.reach2, self.peak)(
+            gas.release_point,
+            1 - nodes if gas.all_around else 0,
             nodes - 1,
-            model.diffusion,
-            model.cell,
-            model.cell**2,
-            density_per_percent(model) * model.amount / wide,
+            gas.diffusion,
+            gas.cell,
+            gas.cell**2,
+            density_per_percent(gas) * gas.amount / wide,
         )
         self._show(t)
 
@@ -212,25 +200,19 @@ class ProgramMeander(Gas):
         self,
         gas: PlumeSimMeander,
         extent: tuple[float, ...],
-        t: float = 0.0,
         seed: int = 0,
         name: str = "gas",
     ):
         """Draw the points of the plume; name: of the gas, which selects its random numbers."""
-        self.name, self.length = name, extent[0]
-        capacity = len(meandering_points(gas, self.length, generator(seed, name)))
-        self.cloud = PointCloud(extent, ROUNDING * gas.radius, 1, capacity)
+        self.species = gas.vapour
+        self.place = meandering_points(gas, extent[0], generator(seed, f"{name} meandering"))
+        self.cloud = PointCloud(extent, ROUNDING * gas.radius, 1, len(self.place))
         self.n = Numbers("share", "full")
-        self.begin(gas, t, seed)
-
-    def begin(self, model: PlumeSimMeander, t: float, seed: int) -> None:
-        self.species = model.vapour
-        self.place = meandering_points(model, self.length, generator(seed, f"{self.name} meandering"))
         self.cloud.set(self.place, np.zeros((len(self.place), 1)))
-        start = np.add(model.release_point, (model.radius, 0.0))
+        start = np.add(gas.release_point, (gas.radius, 0.0))
         # the release itself lies exactly at this distance, and counts
-        most = int((np.linalg.norm(self.place - start, axis=1) <= ROUNDING * model.radius).sum())
-        self.n.set(share=100.0 / most, full=density_per_percent(model))
+        most = int((np.linalg.norm(self.place - start, axis=1) <= ROUNDING * gas.radius).sum())
+        self.n.set(share=100.0 / most, full=density_per_percent(gas))
 
     def advance(self, t: float, dt: float) -> None:
         """Do nothing: the plume is static."""

@@ -24,18 +24,13 @@ class PrescribedWind(Carrier):
     """Steady wind with a given velocity field, without eddies or obstacles."""
 
     def __init__(self, velocity: Velocities, grid: Grid):
-        """Allocate the wind and set its velocities; `velocity` is evaluated at the centres of all faces."""
+        """velocity: evaluated at the centres of all faces."""
         self.grid, self.dim = grid, grid.dim
         self.u = grid.faces_field()
         self.open = grid.faces_field()
         uploader(*self.open)(*(1.0 for _ in self.open))
-        self._put = uploader(*self.u)
-        self.begin(velocity, 0.0, 0)
-
-    def begin(self, model: Velocities, t: float, seed: int) -> None:
-        grid = self.grid
-        u = [model(padded_faces(grid, d))[..., d] for d in range(grid.dim)]
-        self._put(*u)
+        u = [velocity(padded_faces(grid, d))[..., d] for d in range(grid.dim)]
+        uploader(*self.u)(*u)
         inner = [
             v[tuple(slice(a, b + (axis == d)) for axis, (a, b) in enumerate(grid.cells))]
             for d, v in enumerate(u)

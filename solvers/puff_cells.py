@@ -31,11 +31,12 @@ class PuffCells:
 
     STATE = ("start", "farthest")
 
-    def __init__(self, most: int, cutoff: float, grid: Grid):
-        """Allocate lists for puffs of any size; cutoff: reach in standard deviations. The owner calls `begin`."""
+    def __init__(self, most: int, cutoff: float, grid: Grid, smallest: float):
+        """cutoff: reach in standard deviations; smallest: standard deviation of new puffs [m]."""
         self.grid, self.dim, self.cutoff = grid, grid.dim, cutoff
-        sizes, shapes = self._lists_of(0.0)
-        capacity = sum(map(prod, shapes))
+        sizes, shapes = self._lists_of(smallest)
+        ends = np.cumsum([0, *map(prod, shapes)])
+        capacity = int(ends[-1])
         self._size: Field = ti.field(ti.f32, len(sizes))  # size of the largest puff in each list [m]
         self._shape: Field = ti.vector_field(self.dim, ti.i32, len(sizes))
         self._first: Field = ti.field(ti.i32, len(sizes) + 1)
@@ -43,8 +44,16 @@ class PuffCells:
         self._cells: Field = ti.field(ti.i32, ())  # number of cells of all lists
         self._largest: Field = ti.field(ti.f32, ())
         self._per_smallest: Field = ti.field(ti.f32, ())
-        self._put_lists = uploader(
+        uploader(
             self._size, self._shape, self._first, self.lists, self._cells, self._largest, self._per_smallest
+        )(
+            sizes,
+            shapes,
+            ends,
+            len(sizes),
+            capacity,
+            np.float32(0.999 * sizes[-1]),
+            1.0 / float(np.float32(sizes[0])),
         )
         self.start: Field = ti.field(ti.i32, capacity + 1)
         self.farthest: Field = ti.field(ti.f32, ())  # largest reach of any puff [m]
@@ -53,21 +62,6 @@ class PuffCells:
         self._cursor: Field = ti.field(ti.i32, capacity)
         self._blocks: Field = ti.field(ti.i32, capacity // BLOCK + 1)
         self._rough_order: Field = None if on_cpu() else ti.field(ti.i32, most)
-
-    def begin(self, smallest: float) -> None:
-        """Set the lists for new puffs of standard deviation `smallest` [m]."""
-        sizes, shapes = self._lists_of(smallest)
-        more = self._size.shape[0] - len(sizes)
-        ends = np.cumsum([0, *map(prod, shapes)])
-        self._put_lists(
-            np.pad(sizes, (0, more), mode="edge"),
-            np.pad(shapes, ((0, more), (0, 0)), mode="edge"),
-            np.pad(ends, (0, more), mode="edge"),
-            len(sizes),
-            ends[-1],
-            np.float32(0.999 * sizes[-1]),
-            1.0 / float(np.float32(sizes[0])),
-        )
 
     def _lists_of(self, smallest: float) -> tuple[list[float], list[tuple[int, ...]]]:
         """Return the largest puff size [m] and the shape of each list of cells; smallest: size of new puffs [m]."""

@@ -46,8 +46,8 @@ class Growth:
 
     STATE = ()
 
-    def __init__(self, gas: PuffGas, grid: Grid, wind: Wind):
-        """Choose the growth law by the gas section and the wind. The owner calls `begin`."""
+    def __init__(self, gas: PuffGas, grid: Grid, wind: Wind, alone: bool):
+        """alone: whether the wind has no eddies, so that puffs grow by a default rate."""
         self.grid, self.dim, self.wind = grid, grid.dim, wind
         carrier = wind.carrier
         self.eddies: Field = carrier.nu if carrier is not None else None
@@ -57,10 +57,6 @@ class Growth:
         self.local = self.eddying and (law is None or (law.kind == "inertial" and law.dissipation is None))
         self.inertial = self.local or (law is not None and law.kind == "inertial")
         self._n = Numbers("diffusivity", "rate", "widest", "viscosity", "per_schmidt", "uphill")
-
-    def begin(self, gas: PuffGas, alone: bool) -> None:
-        """Set the parameters for a run; alone: whether the wind has no eddy viscosity."""
-        law, carrier = gas.growth, self.wind.carrier
         rate = (GROWTH if alone else 0.0) if law is None or law.kind != "diffusive" else law.rate
         if self.local:
             rate = rate_per_difference(self.dim)

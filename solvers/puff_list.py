@@ -45,11 +45,12 @@ class PuffList:
 
     STATE = ("count", "now", "number", "cells", "_per_area", "_weight", "_plane", "_gone")
 
-    def __init__(self, most: int, cutoff: float, grid: Grid, surfaces: LevelSet | None):
-        """Allocate the list; cutoff: radius of a puff in standard deviations. The owner calls `begin`."""
+    def __init__(self, most: int, cutoff: float, grid: Grid, surfaces: LevelSet | None, smallest: float):
+        """cutoff: radius of a puff in standard deviations; smallest: standard deviation of a new puff [m]."""
         self.grid, self.dim, self.cutoff, self.surfaces = grid, grid.dim, cutoff, surfaces
         self.walled = surfaces is not None
-        self.cells = PuffCells(most, cutoff, grid)
+        self.cells = PuffCells(most, cutoff, grid, smallest)
+        self.count = 0
         columns = 2 * grid.dim + 2
         self.now: tuple[Field, ...] = tuple(ti.field(ti.f32, most) for _ in range(columns))
         self.new: tuple[Field, ...] = tuple(ti.field(ti.f32, most) for _ in range(columns))
@@ -64,11 +65,6 @@ class PuffList:
         self._unit = sqrt(2.0 * pi) ** -grid.dim / share_within(cutoff, grid.dim)
         if grid.dim == 2:
             self._unit /= grid.depth
-
-    def begin(self, smallest: float) -> None:
-        """Remove all puffs; smallest: standard deviation of a new puff [m]."""
-        self.cells.begin(smallest)
-        self.count = 0
 
     # ---------------------------------------------------------------- columns
 

@@ -85,42 +85,37 @@ class PuffSolver(Gas):
         self.alone = isinstance(wind, UniformSolver)
         self.fluctuates = self.alone or gas.fluctuation is not None
         self.sinks = gas.buoyancy
-        self.growth = Growth(gas, grid, wind)
+        self.growth = Growth(gas, grid, wind, self.alone)
         self.surfaces = None if air.empty else LevelSet(air, grid)
         self.walls = PuffWalls(grid, wind, self.surfaces)
-        self.most = gas.most
-        self.puffs = PuffList(gas.most, gas.cutoff, grid, self.surfaces)
-        self.stream = stream_id(f"{name} fluctuations")
-        self.portions = [Portions(f"{name}.sources[{n}]", wind) for n in range(len(gas.sources))]
-        self._air, self._deposit = air, None  # fields that most runs do not use
-        hands_over = gas.handover if gas.handover is not None else self.growth.eddying and not gas.buoyancy
-        self.hands_over = hands_over and wind.carrier is not None
-        self.handover = None
-        if self.hands_over and wind.carrier is not None:
-            self.handover = Handover(self, wind.carrier, air, gas.convection)
-        self._n = Numbers("weight")
-        self.begin(gas, t, seed)
-
-    def begin(self, model: PuffGas, t: float = 0.0, seed: int = 0) -> None:
-        """Reset the puffs for a run and set the sources. Raises ValueError for a source without air."""
-        self.seed = seed
-        self.species = model.vapour
+        self.seed, self.species = seed, gas.vapour
         default = FLUCTUATION if self.alone else 0.0
-        self.deviation = default if model.fluctuation is None else model.fluctuation
-        self.time = model.fluctuation_time
-        self.initial_size = model.initial_size
-        self.puffs.begin(model.initial_size)
-        for n, (portions, source) in enumerate(zip(self.portions, model.sources, strict=True)):
-            portions.begin(source, model, t, seed)
+        self.deviation = default if gas.fluctuation is None else gas.fluctuation
+        self.time = gas.fluctuation_time
+        self.most, self.initial_size = gas.most, gas.initial_size
+        self.puffs = PuffList(gas.most, gas.cutoff, grid, self.surfaces, gas.initial_size)
+        self.stream = stream_id(f"{name} fluctuations")
+        self._air, self._deposit = air, None  # fields that most runs do not use
+        self.portions = [
+            Portions(f"{name}.sources[{n}]", source, gas, wind, t, seed)
+            for n, source in enumerate(gas.sources)
+        ]
+        for n, portions in enumerate(self.portions):
             if not len(self._places(portions, 1)):
                 raise ValueError(
                     f"sources[{n}].position: is not in the air: an obstacle fills its cell or seals it off; "
                     "move it by a cell or lower domain.spacing"
                 )
-        self.growth.begin(model, self.alone)
-        if self.handover is not None:  # on the grid, u' contributes its long-time diffusivity
+        hands_over = gas.handover if gas.handover is not None else self.growth.eddying and not gas.buoyancy
+        self.hands_over = hands_over and wind.carrier is not None
+        self.handover = None
+        if (
+            self.hands_over and wind.carrier is not None
+        ):  # on the grid, u' contributes its long-time diffusivity
             strayed = self.deviation**2 * self.time
-            self.handover.begin(self.species.diffusivity + strayed + self.growth.diffusive)
+            diffusivity = self.species.diffusivity + strayed + self.growth.diffusive
+            self.handover = Handover(self, wind.carrier, air, gas.convection, diffusivity)
+        self._n = Numbers("weight")
         self._n.set(weight=self.species.weight_per_density)
         self.emitted_kg = 0.0
         self._step = self._released = 0

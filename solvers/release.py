@@ -9,7 +9,7 @@ connected to the ball's own cells: behind a thin wall nothing appears.
 """
 
 from collections.abc import Sequence
-from math import ceil, prod
+from math import ceil
 
 import numpy as np
 
@@ -116,42 +116,27 @@ class Release:
         grid: Grid,
         air: Air,
         room: np.ndarray,
+        blurred: bool = False,
     ):
-        """name: of the balls in messages; room: air fraction of each cell (grid.shape). The owner calls `begin`."""
+        """name: of the balls in messages; room: air fraction of each cell (grid.shape). blurred: whether the kernel
+        spreads balls of any radius, which lets the puffs of heaters (see `heat`) stir a cell's width around their ball.
+        Raises ValueError for a ball that covers no air.
+        """
         self.name, self.grid, self.room = name, grid, room
         self._area = air.area
         self._amounts: list[float] = []
-        # cells that the balls may touch
-        self.cells = sum(
-            prod(min(2 * self._half(ball), n + 2 * REACH) + 2 * REACH + 2 for n in grid.shape)
-            for ball in balls
-        )
+        self.balls = [self._cells_of(f"{name}[{n}]", ball, blurred) for n, ball in enumerate(balls)]
+        self.cells = sum(len(where) for where, _ in self.balls)
         self._cell = ti.vector_field(grid.dim, ti.i32, self.cells)
         self._share = ti.field(ti.f64, (self.cells,))  # amount per volume of air
         self._owner = ti.field(ti.i32, self.cells)
         self._count: Field = ti.field(ti.i32, ())  # of the cells
         self._amount = ti.field(ti.f64, (len(balls),))
-        self._put_cells = uploader(self._cell, self._owner, self._count)
+        owner = np.repeat(np.arange(len(balls)), [len(where) for where, _ in self.balls])
+        where = np.concatenate([np.empty((0, grid.dim)), *(where for where, _ in self.balls)]) + grid.ghost
+        uploader(self._cell, self._owner, self._count)(where, owner, self.cells)
         self._put_shares = uploader(self._share)
         self._put_amounts = uploader(self._amount)
-
-    def begin(self, balls: Sequence[Source | Heater], blurred: bool = False) -> None:
-        """Place the balls, whose radii must not change. Raises ValueError for a ball that covers no air.
-
-        blurred: whether the kernel spreads balls of any radius, which lets the puffs of heaters (see `heat`) stir a
-        cell's width around their ball.
-        """
-        cell, owner = (np.zeros((*self._cell.shape, n)) for n in (self.grid.dim, 1))
-        self.balls: list[tuple[np.ndarray, np.ndarray]] = []
-        count = 0
-        for n, ball in enumerate(balls):
-            where, part = self._cells_of(f"{self.name}[{n}]", ball, blurred)
-            these = slice(count, count + len(where))
-            cell[these] = where + self.grid.ghost
-            self.balls.append((where, part))
-            owner[these] = n
-            count += len(where)
-        self._put_cells(cell, owner[:, 0], count)
         self.set_shares([part for _, part in self.balls])
 
     def set_shares(self, shares: Sequence[np.ndarray]) -> None:

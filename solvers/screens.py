@@ -50,11 +50,13 @@ def slowed(u, linear, square):
 class ScreenResistance:
     """Flow resistance of a screen (porous slab); satisfies `Resistance`.
 
-    fractions: per axis, positive on faces whose velocity is solved for, on the padded grid. Upload `tables` before
-    `begin`.
+    fractions: per axis, positive on faces whose velocity is solved for, on the padded grid. viscosity: kinematic
+    [m²/s].
     """
 
-    def __init__(self, screen: Screen, grid: Grid, fractions: Sequence[np.ndarray], tables: Tables):
+    def __init__(
+        self, screen: Screen, grid: Grid, fractions: Sequence[np.ndarray], tables: Tables, viscosity: float
+    ):
         self.dim, self.dx = grid.dim, grid.dx
         self.axis = screen.normal
         self.across = [d for d in range(grid.dim) if d != self.axis]
@@ -72,9 +74,6 @@ class ScreenResistance:
         self.faces = [tables.listed(np.argwhere(faces)) for faces in held]
         self.share = tables.listed(share[share > 0])
         self.n = Numbers("a", "b", "transverse")
-
-    def begin(self, screen: Screen, viscosity: float) -> None:
-        """Set the loss coefficients of the screen; viscosity: kinematic [m²/s]."""
         a, b = screen.losses(viscosity)
         self.n.set(a=a, b=b, transverse=screen.transverse)
 

@@ -9,7 +9,7 @@ model, from `wall_law.transfer_velocity`. Surfaces that the scenario does not na
 """
 
 from collections.abc import Iterator, Sequence
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -63,6 +63,16 @@ class Tally:
         return cast(float, self._total[None])
 
 
+class Surface(NamedTuple):
+    """Parameters of a surface. film: given transfer velocity [m/s] of the air film, None for the wall law; own:
+    transfer velocity [m/s] of the surface itself, infinite for a surface of fixed q; held: q of the surface.
+    """
+
+    film: float | None
+    own: float
+    held: float
+
+
 def in_series(first: float, second: float) -> float:
     """Return the transfer velocity [m/s] of two layers in series with transfer velocities `first` and `second`."""
     return 0.0 if 0.0 in (first, second) else 1.0 / (1.0 / first + 1.0 / second)
@@ -86,9 +96,12 @@ class SurfaceExchange:
         walls: Sequence[Region],
         obstacles: Sequence[int],
         vents: Sequence[Patch],
+        surfaces: Sequence[Surface],
+        diffusivity: float,
     ):
-        """obstacles: indices of the obstacles; vents: openings, where there is no wall. The owner calls `begin`. Raises
-        ValueError for a surface that touches no air.
+        """obstacles: indices of the obstacles; vents: openings, where there is no wall; surfaces: parameters of each
+        wall, then of each obstacle; diffusivity [m²/s]: of still air. Raises ValueError for a surface that touches no
+        air.
         """
         self.grid, self.wind, self.room = grid, wind, air.room
         self.eddies = wind.nu is not None
@@ -105,7 +118,7 @@ class SurfaceExchange:
         self._stores, self._rate, self._gain = (ti.field(ti.f32, self.cells) for _ in range(3))
         self._film, self._film_gain, self._sticky = (ti.field(ti.f32, self.cells) for _ in range(3))
         uploader(self._cell, self._stores)(np.argwhere(touched) + grid.ghost, self.room[self._where])
-        self._set = uploader(self._rate, self._gain, self._film, self._film_gain, self._sticky)
+        self._set_parameters(surfaces, diffusivity)
 
     def _of_walls(self, walls: Sequence[Region], air: Air, vents: Sequence[Patch]) -> Iterator[Touched]:
         """Yield for each wall the cells that touch it, and its area in each cell over the area of a face."""
@@ -130,20 +143,10 @@ class SurfaceExchange:
                 )
             yield cells, surface[cells]
 
-    def begin(
-        self,
-        films: Sequence[float | None],
-        takes: Sequence[float],
-        held: Sequence[float],
-        diffusivity: float,
-    ) -> None:
-        """Set the parameters per wall, then per obstacle. films: given transfer velocities [m/s] of the air film;
-        takes: transfer velocities [m/s] of the surface itself, infinite for a surface of fixed q; held: q of the
-        surface. diffusivity [m²/s]: of still air.
-        """
+    def _set_parameters(self, surfaces: Sequence[Surface], diffusivity: float) -> None:
         still = 2.0 * diffusivity / self.grid.dx
         known, film = np.zeros((2, *self.grid.shape)), np.zeros((3, *self.grid.shape))
-        for (cells, size), velocity, own, q in zip(self._touched, films, takes, held, strict=True):
+        for (cells, size), (velocity, own, q) in zip(self._touched, surfaces, strict=True):
             exchange = size / self.room[cells] / self.grid.dx
             if velocity is not None:
                 exchange = exchange * in_series(velocity, own)
@@ -158,7 +161,9 @@ class SurfaceExchange:
         self.fastest = float(fastest.max())
         viscosity = self.wind.viscosity if self.eddies else 0.0
         self.n.set(viscosity=viscosity, diffusivity=diffusivity)
-        self._set(*(part[self._where] for part in (*known, film[0], film[1], sticky)))
+        uploader(self._rate, self._gain, self._film, self._film_gain, self._sticky)(
+            *(part[self._where] for part in (*known, film[0], film[1], sticky))
+        )
 
     def into(self, rate: Template, q: Template) -> Pass:
         """Return the pass that adds the flux from the surfaces to the rate of change of q, and to the total."""

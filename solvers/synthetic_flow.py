@@ -149,12 +149,17 @@ class SyntheticSolver(Carrier):
         around = np.pad(self._air, grid.ghost)
         uploader(*self.open)(*(around & np.roll(around, 1, axis=d) for d in range(grid.dim)))
         self._put = uploader(*self._after)
-        self._put_eddies = uploader(self.nu)
         self._build_blending()
-        self.begin(wind, t, seed)
-
-    def begin(self, model: SyntheticWind, t: float, seed: int) -> None:
+        self._draw_flow(wind, seed)
         self._begun = t
+        self._outflow = [0.0, 0.0]  # of the two frames
+        self._frame = -2  # number of the earlier frame
+        self._next_frame()
+        self._next_frame()
+        self.advance(t, 0.0)
+
+    def _draw_flow(self, model: SyntheticWind, seed: int) -> None:
+        """Draw the random waves and rolls, and set the eddy viscosity."""
         self._rng = generator(seed, "synthetic wind")
         self._model, self._seed = model, seed
         self._waves = Waves(model, self.grid, self._rng)
@@ -169,18 +174,13 @@ class SyntheticSolver(Carrier):
         inner = np.tanh(self._distance / layer)[(slice(1, -1),) * self.dim]
         nu = np.maximum(self._strength * self._waves.eddies * inner, self.viscosity)
         self.max_viscosity = float(nu.max())
-        self._put_eddies(self.grid.pad(nu))
+        uploader(self.nu)(self.grid.pad(nu))
         self._largest = {m: self._roll(m, circulation / np.sqrt(len(axes))) for m in axes}
         self._rolls = {m: largest * self._waves_of_roll(m) for m, largest in self._largest.items()}
         self._turn = dict(zip(axes, self._rng.standard_normal(len(axes)), strict=True))
         fastest = max(2 * np.pi / model.circulation_time, float(self._waves.frequency.max()))
         self.interval = 2 * np.pi / fastest / FRAMES_PER_PERIOD
         self._memory = np.exp(-self.interval / model.circulation_time)
-        self._outflow = [0.0, 0.0]  # of the two frames
-        self._frame = -2  # number of the earlier frame
-        self._next_frame()
-        self._next_frame()
-        self.advance(t, 0.0)
 
     @ti.kernel
     def _shift_frames(self):

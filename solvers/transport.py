@@ -63,7 +63,8 @@ def raised(q, rest, rate, dt):
 class Transport:
     """Transport of a scalar q per volume of air by convection and diffusion, in finite volumes.
 
-    scheme: convection scheme. add_sources: pass that adds sources to q and `rest` for a step of length a. surfaces:
+    scheme: convection scheme. diffusivity: of still air [m²/s]; schmidt: turbulent Schmidt number (eddy viscosity over
+    eddy diffusivity). add_sources: pass that adds sources to q and `rest` for a step of length a. surfaces:
     walls and obstacles that exchange q with the air. has_inflow: whether inflow may carry q, see `set_inflow`;
     otherwise inflow is clean.
 
@@ -79,11 +80,12 @@ class Transport:
         air: Air,
         scheme: Limited,
         scalar: Scalar,
+        diffusivity: float,
+        schmidt: float,
         add_sources: Pass | None = None,
         surfaces: SurfaceExchange | None = None,
         has_inflow: bool = False,
     ):
-        """Allocate the fields and compile the step. The owner calls `begin`."""
         self.grid = grid
         self.dim = grid.dim
         self.wind = wind
@@ -105,6 +107,7 @@ class Transport:
         self.inflow = tuple(ti.field(ti.f32, side) for side in self._sides) if has_inflow else ()
         self._put_inflow = uploader(*self.inflow)
         self._n = Numbers("still", "per_schmidt")
+        self._set_diffusivity(diffusivity, schmidt)
         self._face_value, self._steepest = scheme
         cells = grid.cells
         self._start_step = launch(
@@ -118,7 +121,7 @@ class Transport:
             sweep([self._advanced], [(self.q, self.rest)], cells),
         )
 
-    def begin(self, diffusivity: float, schmidt: float) -> None:
+    def _set_diffusivity(self, diffusivity: float, schmidt: float) -> None:
         """Set the diffusivity of still air [m²/s] and the turbulent Schmidt number (eddy viscosity/diffusivity)."""
         self.diffusivity, self.schmidt = diffusivity, schmidt
         per_schmidt = np.float32(1.0 / float(np.float32(schmidt)))

@@ -40,27 +40,15 @@ class UniformSolver(Carrier):
         self.gusts: OrnsteinUhlenbeck | None = None
         if wind.gusts is None:
             self.STATE = ()  # the velocity follows from the scenario alone
-        self.begin(wind, t, seed)
-
-    def begin(self, model: UniformWind, t: float, seed: int) -> None:
-        self.model = model
-        self.mean = model.velocity
-        self.across = model.frame[1:]
+        self.model = wind
+        self.mean = wind.velocity
+        self.across = wind.frame[1:]
         self._set_velocity(np.array(self.mean), np.zeros(self.dim))
-        if model.gusts is None:
-            return
-        law = (
-            [share * model.speed for share in model.gusts.deviations(self.dim)],
-            model.gusts.time,
-            t,
-            memory(model, self.grid.extent),
-            generator(seed, "gusts"),
-        )
-        if self.gusts is None:
-            self.gusts = OrnsteinUhlenbeck(*law)
-        else:
-            self.gusts.begin(*law)
-        self.advance(t, 0.0)
+        if wind.gusts is not None:
+            deviations = [share * wind.speed for share in wind.gusts.deviations(self.dim)]
+            reach, rng = memory(wind, grid.extent), generator(seed, "gusts")
+            self.gusts = OrnsteinUhlenbeck(deviations, wind.gusts.time, t, reach, rng)
+            self.advance(t, 0.0)
 
     def _set_velocity(self, carrying: np.ndarray, gust: np.ndarray) -> None:
         """Set the velocity of the faces, `carrying` [m/s], and the present velocity, the mean plus `gust` [m/s]."""

@@ -16,6 +16,8 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Mixture, Odour, Wind
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.series import Series
+from taichi_plume.grid.state import State
+from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -164,8 +166,12 @@ class TimeLoop:
     maps: Sequence[Mapper]
     obstacles: "Sequence[Shape | Cubes]"
     air: Air
-    begin: Callable[[Scenario, bool], Scenario] | None = None
-    """Function that restarts every component with a scenario and returns the completed scenario; see `reset`."""
+    rebuild: Callable[..., "TimeLoop"] | None = None
+    """Function that returns a new simulation of a scenario; files that both scenarios name are not opened again.
+
+    The optional second argument is a running simulation whose state is restored next: users' algorithms with equal
+    parameters then stay the same objects.
+    """
     forces: Callable[[], np.ndarray] | None = None
     """Force of the air on each obstacle [N], shape (obstacles, dim); None if unknown."""
     pressure: Any = None
@@ -185,26 +191,36 @@ class TimeLoop:
 
     def __post_init__(self) -> None:
         self.dt = self.scenario.tick
-        self._at_begin()
-
-    def _at_begin(self) -> None:
         self.tick, self.last_tick = self.scenario.first_tick, self.scenario.last_tick
-        self.steps, self.wall_s = 0, 0.0
         self.observers = [Every(1.0, check_gas, warm_up=True)]
-        self.step_observers = []
 
     @one_blas_thread
-    def reset(self, scenario: Scenario | None = None, during_run: bool = False) -> None:
+    def reset(self, scenario: Scenario | None = None) -> None:
         """Return to the start of the warm-up, with `scenario` or, unless given, with the same scenario.
 
-        The simulation then equals a fresh one to the bit, and nothing is compiled. The structure of the scenario must
-        be the same: kinds, counts and shapes, see scenario/reset.py. Observers are removed, as they belong to a run.
-        during_run: whether the caller restores a saved state next; users' algorithms then stay the same objects. Raises
-        ScenarioError, a line for each fault, or OwnAlgorithmError, and leaves the simulation as it was.
+        The simulation becomes a new one, with new components and no observers. Files that both scenarios name are not
+        opened again. Raises ScenarioError, a line for each fault, or OwnAlgorithmError, and leaves the simulation as it
+        was.
         """
-        assert self.begin is not None, "not assembled"
-        self.scenario = self.begin(scenario or self.scenario, during_run)
-        self._at_begin()
+        assert self.rebuild is not None, "not assembled"
+        vars(self).update(vars(self.rebuild(scenario or self.scenario)))
+
+    @one_blas_thread
+    def change(self, scenario: Scenario) -> None:
+        """Give the simulation the parameters of a scenario during the run; state and observers stay.
+
+        Raises ScenarioError if the state does not fit the scenario, or OwnAlgorithmError, and leaves the simulation as
+        it was.
+        """
+        assert self.rebuild is not None, "not assembled"
+        saved, new = State(self).save(), self.rebuild(scenario, self)
+        state = State(new)
+        reason = state.unlike(saved)
+        if reason is not None:
+            raise ScenarioError([f"{reason}; cannot change during a run; use reset"])
+        state.restore(saved)
+        observers = {name: vars(self)[name] for name in ("observers", "step_observers", "wall_s", "_begun")}
+        vars(self).update(vars(new) | observers)
 
     @property
     def t(self) -> float:

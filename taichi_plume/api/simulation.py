@@ -16,17 +16,15 @@ from taichi_plume.assembly.assemble import build
 from taichi_plume.assembly.preparation import Source, load
 from taichi_plume.engine import program
 from taichi_plume.engine.process import one_thread
-from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.grid.sampler import Sampler
-from taichi_plume.grid.state import State
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import as_path
 from taichi_plume.scenario import si
 from taichi_plume.scenario.changes import shown
+from taichi_plume.scenario.comparison import differences_at_start
 from taichi_plume.scenario.loading import Overrides, ScenarioError, load_part, of_python
 from taichi_plume.scenario.outputs import Fields
 from taichi_plume.scenario.quantities import Number
-from taichi_plume.scenario.reset import differences_at_start
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.time_loop import Every, TimeLoop
 
@@ -156,24 +154,24 @@ class Simulation:
             self._close_tables()
 
     def reset(self, *, seed: int | None = None, overrides: Mapping[str, object] | None = None) -> None:
-        """Return to the start, with another seed or other values of keys; nothing is compiled again.
+        """Return to the start, with another seed or other values of any keys.
 
-        Functions of `every` stay, files of `write` are closed. Kinds, counts and shapes cannot be changed. Raises
-        ScenarioError, and the simulation stays as it was.
+        Functions of `every` stay, files of `write` are closed. Raises ScenarioError; the simulation then stays as it
+        was.
         """
         changes = of_python(overrides or {}) | ({} if seed is None else {"seed": seed})
         with self._turn():
             self.loop.reset(self.scenario.with_(changes) if changes else None)
             self._close_tables()
-            self._air = None
+            self._forget()
             for period, function in self._looks:
                 self._observe(period, function)
 
     def change(self, changes: Mapping[str, object]) -> None:
         """Give keys other values while the simulation runs, such as ``{"gas.sources.0.rate": "20 mg/s"}``.
 
-        Air, gas and robots stay as they are; the new values hold from now on. All keys can be changed that a `reset`
-        can change, except those that act at the start alone: `seed`, `air_seed`, `warm_up`, and each `start` and
+        Air, gas and robots stay as they are; the new values hold from now on. Kinds, counts, the shape of the room, and
+        keys that act at the start alone cannot be changed: `seed`, `air_seed`, `warm_up`, and each `start` and
         `initial`; use `reset` for these. Parameters of an `Own` class can change if it has the methods state() and
         restore(state). Raises TurnError, see `step`, and ScenarioError; the simulation then stays as it was.
         """
@@ -185,23 +183,18 @@ class Simulation:
         if faults:
             raise ScenarioError(faults)
         with one_thread():
-            state = State(loop)
-            saved, observers = state.save(), (loop.observers, loop.step_observers)
-            loop.reset(scenario, during_run=True)
-            try:
-                state.restore(saved)
-            except OwnAlgorithmError:  # restore() of the new object
-                loop.reset(old, during_run=True)
-                state.restore(saved)
-                raise
-            finally:
-                loop.observers, loop.step_observers = observers
-        self._air = None
+            loop.change(scenario)
+        self._forget()
 
     def close(self) -> None:
         """Close the files of `write` and free the memory; the simulation cannot be used any more."""
         self._close_tables()
-        self._loop = self._air = None
+        self._loop = None
+        self._forget()
+
+    def _forget(self) -> None:
+        """Remove the present air and its sampler, which belong to other components."""
+        self._air = None
         vars(self).pop("_sampler", None)
 
     def __enter__(self) -> Self:

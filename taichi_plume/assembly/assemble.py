@@ -15,7 +15,7 @@ from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import teams
-from taichi_plume.assembly.initial_conditions import begin_fields
+from taichi_plume.assembly.initial_conditions import set_initial_conditions
 from taichi_plume.assembly.own_code import execute
 from taichi_plume.assembly.preparation import Prepared, again, checked
 from taichi_plume.assembly.resources import Resources
@@ -29,12 +29,11 @@ from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.grid.blas import one_blas_thread
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.cut_cells import Air, air_of, sealed
-from taichi_plume.grid.fields import Gas, Mixture, Wind
+from taichi_plume.grid.fields import Faces, Gas, Mixture, Wind
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.layers import Layers
 from taichi_plume.grid.level_set import LevelSet
 from taichi_plume.grid.rng import generator
-from taichi_plume.grid.state import State
 from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.obstacles import Obstacle
@@ -76,11 +75,13 @@ def build(
     prepared: Prepared,
     film: TickFilm | None = None,
     driven: bool = False,
+    running: TimeLoop | None = None,
 ) -> TimeLoop:
     """Return the simulation of a checked scenario, at the start of its warm-up; Taichi must have been started.
 
     Users' algorithm files must have been executed, see own_code. film: recorded wind or gas that is played instead of
-    solving for them. driven: whether external robots are driven. Raises ScenarioError if robots do not fit, or nothing
+    solving for them. driven: whether external robots are driven. running: simulation whose
+    users' algorithms go on, see `TimeLoop.rebuild`. Raises ScenarioError if robots do not fit, or nothing
     drives them.
     """
     scenario, resources = prepared
@@ -92,95 +93,61 @@ def build(
     walkers = [scenario.obstacles[n] for n in walking]
     starts, sources = _starts(scenario, clearance, walkers), _places(scenario)
     swarm = Swarm(scenario.robots, *starts, clearance, sources, scenario.seed, walkers, scenario.rivals)
-    stirring = Stirring(scenario, swarm, grid)
-    scalars = {path: Scalar(grid, takes_space=True) for path in _weights(scenario)}
-    weighing = [BuoyantScalar(scalar.q, 0.0, scalar.source) for scalar in scalars.values()]
-    _weigh(weighing, scenario)
-    context = Context(scenario, resources, grid, air, scalars, weighing, stirring.makers)
+    weights = _weights(scenario)
+    scalars = {path: Scalar(grid, takes_space=True) for path in weights}
+    weighing = [BuoyantScalar(scalar.q, weights[path], scalar.source) for path, scalar in scalars.items()]
+    context = Context(scenario, resources, grid, air, scalars, weighing, _stirring(scenario, swarm, grid))
     wind = _wind(context, film)
     gas = Mixture([_gas(context, path, wind, film) for path, _ in scenario.gases])
     if film is None:
-        begin_fields(scenario, resources, wind, gas.gases)
+        set_initial_conditions(scenario, resources, wind, gas.gases)
     sensors = Sensors(swarm, grid.dim, scenario.tick, gas.species, partial(_around, scenario, grid, air))
     try:
-        driving = teams(swarm, scenario.tick, own, networks, recorded)
+        driving = teams(swarm, scenario.tick, own, networks, recorded, running.teams if running else ())
     except NetworkError as error:
         raise ScenarioError([str(error)]) from None
     extent, most = (grid.extent[0], grid.extent[1]), swarm.members.shape[1]
     mapped = Floor(extent, max(1, swarm.trials), most, scenario.tick, clearance.obstacle_distance_at)
     maps = mappers(scenario.maps, mapped)
-    sim = TimeLoop(scenario, grid, wind, gas, swarm, sensors, driving, maps, seen, air)
-    state = State(sim)
-
-    def begin(scenario: Scenario, during_run: bool) -> Scenario:
-        """Restart wind, gas, robots, sensors and maps with a scenario of the same structure; return it, completed."""
-        scenario, _ = again(prepared, scenario)
-        walkers = [scenario.obstacles[n] for n in walking]
-        starts = _starts(scenario, clearance, walkers)
-        for team in driving:
-            team.prepare(scenario.robots, during_run)
-        t = scenario.first_tick * scenario.tick
-        state.clear()
-        _weigh(weighing, scenario)
-        stirring.begin(scenario)
-        wind.begin(scenario.wind, t, scenario.seed_of_air)
-        for part, (_, model) in zip(gas.gases, scenario.gases, strict=True):
-            part.begin(model, t, scenario.seed_of_air)
-        gas.begin()
-        if film is None:
-            begin_fields(scenario, resources, wind, gas.gases)
-        swarm.begin(scenario.robots, *starts, _places(scenario), scenario.seed, walkers)
-        sensors.begin()
-        for team in driving:
-            team.begin()
-        for gas_map, model in zip(maps, scenario.maps, strict=True):
-            gas_map.begin(model)
-        return scenario
-
-    sim.begin = begin
+    rebuild = partial(_rebuild, prepared, film, driven)
+    sim = TimeLoop(scenario, grid, wind, gas, swarm, sensors, driving, maps, seen, air, rebuild)
     if isinstance(wind, FlowSolver):
         sim.pressure, sim.heat = wind.p, wind.heat
         sim.forces = Forces(wind, air, len(resources.obstacles)) if wind.area is not None else None
     return sim
 
 
-class Stirring:
-    """Moving obstacles and wakes of robots, which exert drag on the air.
+def _rebuild(
+    prepared: Prepared,
+    film: TickFilm | None,
+    driven: bool,
+    scenario: Scenario,
+    running: TimeLoop | None = None,
+) -> TimeLoop:
+    """Return a new simulation of another scenario, see `TimeLoop.rebuild`."""
+    other = again(prepared, scenario)
+    execute(other, other.resources.allow_code)
+    return build(other, film, driven, running)
 
-    makers: functions that take the open fractions of the cell faces and return the drag of an obstacle or a group.
+
+def _stirring(scenario: Scenario, swarm: Swarm, grid: Grid) -> list[Callable[[Faces], Resistance]]:
+    """Return the functions that take the open fractions of the cell faces, and return the drag of a moving obstacle or
+    of the wakes of a group.
     """
+    moving = (obstacle for obstacle in scenario.obstacles if obstacle.motion)
+    stirring = (group for group in swarm.groups if group.model.wake)
+    return [
+        *(partial(MovingObstacle, obstacle, grid) for obstacle in moving),
+        *(partial(_wake, group, swarm, grid) for group in stirring),
+    ]
 
-    def __init__(self, scenario: Scenario, swarm: Swarm, grid: Grid):
-        self.swarm, self.grid = swarm, grid
-        self.walkers: list[tuple[int, MovingObstacle]] = []
-        self.wakes: list[tuple[int, Wake | Downwash]] = []
-        moving = [(n, obstacle) for n, obstacle in enumerate(scenario.obstacles) if obstacle.motion]
-        self.makers = [
-            *(partial(self._walker, n, obstacle) for n, obstacle in moving),
-            *(partial(self._wake, group) for group in swarm.groups if group.model.wake),
-        ]
 
-    def _walker(self, number: int, model: Obstacle, open: tuple[Any, ...]) -> Resistance:
-        self.walkers.append((number, MovingObstacle(model, self.grid, open)))
-        return self.walkers[-1][1]
-
-    def _wake(self, group: GroupRange, open: tuple[Any, ...]) -> Resistance:
-        swarm, body, robots = self.swarm, group.model.body, (group.start, group.count)
-        wake: Wake | Downwash
-        if body.flies:
-            flight = swarm.position, swarm.heading, swarm.altitude, swarm.acceleration
-            wake = Downwash(body, self.grid, *flight, *robots, open)
-        else:
-            wake = Wake(body, self.grid, swarm.position, swarm.velocity, *robots, open)
-        self.wakes.append((group.number, wake))
-        return wake
-
-    def begin(self, scenario: Scenario) -> None:
-        """Restart with the obstacles' paths and the robots' bodies of a scenario."""
-        for number, walker in self.walkers:
-            walker.begin(scenario.obstacles[number])
-        for number, wake in self.wakes:
-            wake.begin(scenario.robots[number].body)
+def _wake(group: GroupRange, swarm: Swarm, grid: Grid, open: Faces) -> Resistance:
+    body, robots = group.model.body, (group.start, group.count)
+    if not body.flies:
+        return Wake(body, grid, swarm.position, swarm.velocity, *robots, open)
+    flight = swarm.position, swarm.heading, swarm.altitude, swarm.acceleration
+    return Downwash(body, grid, *flight, *robots, open)
 
 
 def ways(scenario: Scenario, resources: Resources, cubes: Cubes | None) -> tuple[ClearanceMap, list[int]]:
@@ -255,11 +222,6 @@ def _weights(scenario: Scenario) -> dict[str, float]:
     if scenario.buoyancy is None or not scenario.buoyancy.solutal:
         return {}
     return {path: model.vapour.weight_per_density for path, model in scenario.gases if model.weighs}
-
-
-def _weigh(weighing: list[BuoyantScalar], scenario: Scenario) -> None:
-    for scalar, weight in zip(weighing, _weights(scenario).values(), strict=True):
-        scalar.weight = weight
 
 
 def _drivers(

@@ -21,8 +21,10 @@ Places = Callable[[np.ndarray], np.ndarray]
 """Values (...), or (..., dim) of a vector, at points (..., dim) [m]."""
 
 
-def begin_fields(scenario: Scenario, resources: Resources, wind: "Wind", gases: "Sequence[Gas]") -> None:
-    """Set wind, heat and gases with an `initial` section; solvers must be at their start. Raises ScenarioError."""
+def set_initial_conditions(
+    scenario: Scenario, resources: Resources, wind: "Wind", gases: "Sequence[Gas]"
+) -> None:
+    """Set wind, heat and gases with an `initial` section, before the first step. Raises ScenarioError."""
     extent = scenario.domain.extent
     flow, solver = scenario.wind.computed, cast("FlowSolver", wind)
     if flow is not None and flow.initial is not None:

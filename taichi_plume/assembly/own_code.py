@@ -11,12 +11,13 @@ DIGITS = 16  # of a SHA-256 that are shown
 
 
 def execute(prepared: Prepared, allow: Permission, ask: bool = False) -> None:
-    """Execute the files of own algorithms and store their classes in the resources.
+    """Execute the files of own algorithms and store their classes and the permission in the resources.
 
     ask: whether the user is asked at a terminal about files that `allow` does not permit. Raises ScenarioError without
     permission, or if a file holds no algorithm.
     """
-    files = prepared.resources.code
+    resources = prepared.resources
+    files = {where: file for where, file in resources.code.items() if where not in resources.own}
     refused = [
         f"{where}.file: {_refusal(file, allow)}"
         for where, file in files.items()
@@ -28,11 +29,12 @@ def execute(prepared: Prepared, allow: Permission, ask: bool = False) -> None:
     faults = []
     for where, file in files.items():
         try:
-            prepared.resources.own[where] = file.execute()
+            resources.own[where] = file.execute()
         except OwnAlgorithmError as error:
             faults.append(f"{where}.file: {error}")
     if faults:
         raise ScenarioError(faults)
+    resources.allow_code = allow
 
 
 def _refusal(file: OwnFile, allow: Permission) -> str:

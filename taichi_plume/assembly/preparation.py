@@ -1,19 +1,16 @@
 """Loading and checking of a scenario with its files, each opened once: YAML -> Scenario -> Prepared -> checks."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from taichi_plume.assembly.resources import OPENERS, Resources, completed
+from taichi_plume.assembly.resources import OPENERS, Resources
 from taichi_plume.files.bundled import file_or_example
 from taichi_plume.grid.shapes import ShapeError
 from taichi_plume.guard.safe_open import as_path, gate
 from taichi_plume.scenario import checks
-from taichi_plume.scenario.gases import PlaybackGas, PureGas
 from taichi_plume.scenario.input_files import given, input_files, strangers
 from taichi_plume.scenario.loading import Overrides, ScenarioError, overridden, read_scenario
-from taichi_plume.scenario.reset import differences
 from taichi_plume.scenario.scenario import Origin, Scenario
 from taichi_plume.scenario.shapes import shape
 from taichi_plume.scenario.size import derived, estimate
@@ -54,10 +51,6 @@ class Check(NamedTuple):
     def __bool__(self) -> bool:
         """Whether there are no errors."""
         return not self.errors
-
-
-class StructureError(ScenarioError):
-    """Error: a scenario's structure (kinds, counts, shapes) differs from that of the assembled simulation."""
 
 
 def load_scenario(
@@ -144,13 +137,17 @@ def expanded(
 
 
 def checked(
-    scenario: Scenario, folder: Path, allow_outside: bool = False, named: Collection[str] = ()
+    scenario: Scenario,
+    folder: Path,
+    allow_outside: bool = False,
+    named: Collection[str] = (),
+    known: Prepared | None = None,
 ) -> Prepared:
     """Open the files of a scenario (see `prepare`), run all checks and return both. Raises ScenarioError."""
     _require_scenario(scenario)
     faults = checks.early_errors(scenario)
     if not faults:
-        prepared = prepare(scenario, folder, allow_outside, named)
+        prepared = prepare(scenario, folder, allow_outside, named, known)
         faults = checks.errors(*prepared)
         if not faults:
             prepared.resources.warnings += checks.warnings(*prepared)
@@ -166,51 +163,52 @@ def _require_scenario(scenario: object) -> None:
 
 
 def again(prepared: Prepared, scenario: Scenario) -> Prepared:
-    """Check another scenario of the same structure and return it with the opened files of `prepared`, for a reset.
+    """Check another scenario, with the same folder and permissions; files of sections that are equal stay open.
 
-    Raises ScenarioError: StructureError if the structure differs, else if a check fails.
+    Raises ScenarioError.
     """
-    _require_scenario(scenario)
-    old, resources = prepared
-    played = {path: gas for path, gas in scenario.gases if isinstance(gas, PlaybackGas)}
-    other = scenario.with_gases({path: completed(gas, resources.films[path]) for path, gas in played.items()})
-    faults = differences(old, other)
-    if faults:
-        raise StructureError([f"{fault}; a reset cannot change it; assemble again" for fault in faults])
-    changed = replace(resources, scenario=other)
-    faults = checks.early_errors(other) or checks.errors(other, changed)
-    if faults:
-        raise ScenarioError(faults)
-    return Prepared(other, changed)
+    old = prepared.resources
+    new = checked(scenario, old.folder, old.allow_outside, old.named, prepared)
+    new.resources.allow_code = old.allow_code
+    unchanged = {path for path, file in new.resources.code.items() if file == old.code.get(path)}
+    new.resources.own |= {path: own for path, own in old.own.items() if path in unchanged}
+    return new
 
 
 def prepare(
-    scenario: Scenario, folder: Path, allow_outside: bool = False, named: Collection[str] = ()
+    scenario: Scenario,
+    folder: Path,
+    allow_outside: bool = False,
+    named: Collection[str] = (),
+    known: Prepared | None = None,
 ) -> Prepared:
     """Open a scenario's files in `folder`; return both. Errors of unusable files are stored for the later checks.
 
-    Raises ScenarioError if a file lies outside `folder`, unless `allow_outside` is set or its key is in `named`.
+    known: another scenario, whose files stay open for equal sections. Raises ScenarioError if a file lies outside
+    `folder`, unless `allow_outside` is set or its key is in `named`.
     """
     faults = [] if allow_outside else strangers(scenario, folder, named)
     if faults:
         raise ScenarioError(faults)
-    resources = Resources(scenario)
+    resources = Resources(scenario, folder, allow_outside, named)
+    other = None if known is None else known.resources
     keys = [key for key, _ in input_files(scenario) if allow_outside or given(key, named)]
     free = {key.rpartition(".")[0] for key in keys}
     for n, obstacle in enumerate(scenario.obstacles):
         path = f"obstacles[{n}]"
+        if resources.take_over(path, obstacle, other):
+            continue
         try:
             with gate(None if path in free else folder) as resources.files[path]:
                 resources.shapes[path] = shape(obstacle, scenario.domain, folder)
         except ShapeError as error:
             resources.faults[path] = str(error)
-    gases: dict[str, PureGas] = {}
     for path, section in checks.every(scenario):
         opener = OPENERS.get(type(section))
-        if opener is not None:
+        if opener is not None and not resources.take_over(path, section, other):
             with gate(None if path in free else folder) as resources.files[path]:
                 gas = opener(resources, path, section, folder)
             if gas is not None:
-                gases[path] = gas
-    resources.scenario = scenario.with_gases(gases)
+                resources.gases[path] = gas
+    resources.scenario = scenario.with_gases(resources.gases)
     return Prepared(resources.scenario, resources)

@@ -1,6 +1,6 @@
 """Opened files of a scenario. Each kind of section that names a file has an opener here."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from taichi_plume.files.network import Network
-from taichi_plume.files.own_class import OwnAlgorithmError, OwnFile
+from taichi_plume.files.own_class import OwnAlgorithmError, OwnFile, Permission
 from taichi_plume.files.point_frames import PointFileError, PointFrames, frames_of
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario.algorithms import Own
@@ -32,6 +32,10 @@ if TYPE_CHECKING:  # they bring zarr and Taichi, for runs that need them
     from taichi_plume.grid.cut_cells import Air
 
 
+OPENED = ("files", "shapes", "films", "frames", "movies", "code", "networks", "ways", "gases")
+"""Attributes of `Resources` with the contents of files, by the paths of the sections."""
+
+
 @dataclass
 class Resources:
     """Contents of a scenario's files, each opened once, by the paths of the sections that name them.
@@ -39,10 +43,16 @@ class Resources:
     faults: errors of files, by the paths of the keys that name them. files: paths that were opened for each section,
     also by other files, and for `gaden`. shapes: of the obstacles, in their order. site: files of an imported wind.
     code: files of own algorithms; own: their classes, once executed. networks: of policies. ways: paths of
-    recorded robots. warnings: results of the checks.
+    recorded robots. gases: played-back gases, completed by their films. warnings: results of the checks. sections: all
+    that were opened. folder, allow_outside, named, allow_code: permissions, see `preparation.again`.
     """
 
     scenario: Scenario
+    folder: Path = Path()
+    allow_outside: bool = False
+    named: Collection[str] = ()
+    allow_code: Permission = False
+    sections: dict[str, Model] = field(default_factory=dict)
     faults: dict[str, str] = field(default_factory=dict)
     files: dict[str, list[Path]] = field(default_factory=dict)
     shapes: dict[str, Shape] = field(default_factory=dict)
@@ -54,9 +64,25 @@ class Resources:
     own: dict[str, type] = field(default_factory=dict)
     networks: dict[str, Network] = field(default_factory=dict)
     ways: "dict[str, list[Way]]" = field(default_factory=dict)
+    gases: dict[str, PureGas] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     _unlike: dict[Path, int] = field(default_factory=dict, repr=False)
     _site_air: "dict[bool, Air]" = field(default_factory=dict, repr=False)
+
+    def take_over(self, path: str, section: Model, other: "Resources | None") -> bool:
+        """Take over what was opened for an equal section of another scenario; return whether there is one."""
+        self.sections[path] = section
+        if other is None or other.scenario.domain != self.scenario.domain:
+            return False
+        if section not in (other.sections.get(path), other.gases.get(path)):
+            return False
+        for name in OPENED:
+            opened = vars(other)[name]
+            if path in opened:
+                vars(self)[name][path] = opened[path]
+        if isinstance(section, ImportedWind):
+            self.site = other.site
+        return True
 
     @property
     def obstacles(self) -> list[Shape]:

@@ -55,9 +55,9 @@ WINDS: dict[str, Solver] = {
     "frozen": ("frozen_flow", "FrozenSolver", "grid air t seed weighing resistances"),
     "uniform": ("uniform_wind", "UniformSolver", "grid t seed"),
     "synthetic": ("synthetic_flow", "SyntheticSolver", "grid air t seed"),
-    "playback": ("playback", "PlayedWind", "film grid t seed"),
-    "imported": ("imported_flow", "ImportedFlow", "film grid t seed"),
-    "plumesim_log": ("plumesim", "PointWind", "frames extent t seed"),
+    "playback": ("playback", "PlayedWind", "film grid t"),
+    "imported": ("imported_flow", "ImportedFlow", "film grid t"),
+    "plumesim_log": ("plumesim", "PointWind", "frames extent t"),
 }
 GASES: dict[str, Solver] = {
     "eulerian": ("gas", "EulerianSolver", "grid wind air t seed path scalar openings"),
@@ -67,7 +67,7 @@ GASES: dict[str, Solver] = {
     "continuous": ("gaussian_puffs", "ContinuousPuffs", "grid wind t"),
     "gaussian_puff": ("gaussian_puffs", "GaussianPuffs", "grid wind t"),
     "plumesim_gaussian": ("plumesim", "ProgramPuff", "extent t"),
-    "plumesim_meandering": ("plumesim", "ProgramMeander", "extent t seed path"),
+    "plumesim_meandering": ("plumesim", "ProgramMeander", "extent seed path"),
     "plumesim_log": ("plumesim", "PointGas", "frames extent t"),
     "fluent": ("plumesim", "PointGas", "frames extent t"),
     "playback": ("playback", "PlayedGas", "film grid t"),
@@ -79,7 +79,7 @@ def make_wind(model: AnyWind, ctx: Context) -> Wind:
     """Return the solver of a wind section. Raises ScenarioError if obstacles cut an inlet off from all outlets."""
     resources, film = ctx.resources, ctx.resources.films.get("wind")
     if resources.site is not None:
-        film = _solver("imported_flow", "ImportedFilm")(resources.site, ctx.grid, ctx.air)
+        film = _solver("imported_flow", "ImportedFilm").of(resources.site, ctx.grid, ctx.air)
     wind = _make(WINDS, model, "wind", ctx, film=film)
     if model.computed is not None and (trapped := wind.boundaries.trapped(ctx.air.regions())):
         what = (

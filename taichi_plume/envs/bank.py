@@ -241,7 +241,7 @@ def record(
     for n, current in enumerate(scenarios):
         if tell is not None:
             tell(n, count)
-        if sim is None or scenario.task.films:
+        if sim is None:
             sim = build(checked(current, folder, allow_outside))
         else:
             sim.reset(current)

@@ -28,9 +28,6 @@ class Records(Wind):
     def __init__(self, level: Field, species: object):
         self.level, self.species = level, species
 
-    def begin(self, model: object, t: float, seed: int) -> None:
-        """Do nothing: still air needs no initial state."""
-
     def advance(self, t: float, dt: float) -> None:
         """Do nothing: the caller sets the concentrations."""
 

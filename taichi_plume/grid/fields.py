@@ -5,7 +5,7 @@ recording of an earlier run are thus interchangeable, in 2-D and 3-D. Winds and 
 """
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Expression, Template
-from taichi_plume.grid.transfer import uploader
 
 Faces = tuple[Field, ...]
 """Face fields of the staggered grid, one per axis."""
@@ -23,10 +22,6 @@ class Wind(Protocol):
     """Protocol of winds (moving air). Implementations are `ti.data_oriented`."""
 
     STATE: ClassVar[tuple[str, ...]] = ()
-
-    def begin(self, model: Any, t: float, seed: int) -> None:
-        """Start a run at time t [s] with the parameters of the scenario section `model`, of unchanged structure."""
-        ...
 
     def stable_dt(self, t: float = 0.0) -> float:
         """Return the longest stable step [s] of `advance` from time t, by the Courant number (CFL); else infinite."""
@@ -143,10 +138,6 @@ class Gas(Protocol):
     details: int = 1
     """Pixels per cell and axis in pictures of the gas."""
 
-    def begin(self, model: Any, t: float, seed: int) -> None:
-        """Start a run at time t [s] with the parameters of the scenario section `model`, of unchanged structure."""
-        ...
-
     def advance(self, t: float, dt: float) -> None:
         """Advance the gas from time t to t + dt [s]."""
         ...
@@ -211,16 +202,7 @@ class Mixture:
         self.species = tuple(dict.fromkeys(gas.species for gas in gases))
         self._which = tuple(self.species.index(gas.species) for gas in gases)
         self._ppm_per_density = ti.field(ti.f32, max(1, len(gases)))
-        self._set = uploader(self._ppm_per_density)
-        self.begin()
-
-    def begin(self) -> None:
-        """Load the species of the gases, after their `begin`. Raises ValueError if gases share species differently."""
-        species = tuple(dict.fromkeys(gas.species for gas in self.gases))
-        if self._which != tuple(species.index(gas.species) for gas in self.gases):
-            raise ValueError("gases of equal species must be the same as before")
-        self.species = species
-        self._set(np.array([gas.species.ppm_per_density for gas in self.gases] or [0.0]))
+        self._ppm_per_density.from_numpy(np.array([gas.species.ppm_per_density for gas in gases] or [0.0]))
 
     def advance(self, t: float, dt: float) -> None:
         """Advance all gases from time t to t + dt [s]."""

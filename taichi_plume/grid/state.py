@@ -1,16 +1,12 @@
-"""State of a run: each component names the attributes that change, for checkpoints, restoring and resets.
+"""State of a run: each component names the attributes that change, for checkpoints and changes during a run.
 
 A component has ``STATE``, the names of its attributes that change in a run: Taichi fields, tuples of fields, components
 with a STATE of their own (also in lists, tuples and dicts), random generators, objects that save themselves with
 ``state()`` and ``restore(state)``, and plain Python data (numbers, arrays, lists, dicts). An attribute that each step
 computes again before it is read is not part of the state.
-
-A component also has ``begin(...)``, which sets its numbers and its state at the start of a run. Before `begin` the
-fields of the state are zero, as new fields are. The constructor of a component ends with `begin`, so that the kernels
-that `begin` launches are compiled once the component is complete.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from copy import deepcopy
 from typing import Any, NamedTuple
 
@@ -18,7 +14,6 @@ import numpy as np
 
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
-from taichi_plume.grid.transfer import reader, uploader
 
 
 def saves_itself(value: object) -> bool:
@@ -74,7 +69,7 @@ def _has_parts(values: Iterable[object]) -> bool:
 
 
 class State:
-    """Complete state of a component and its parts. The constructor compiles kernels over all their fields at once."""
+    """Complete state of a component and its parts."""
 
     def __init__(self, part: object):
         self.part = part
@@ -84,19 +79,12 @@ class State:
                 fields.setdefault(id(piece.value), (piece.path, piece.value))
         self.paths = [path for path, _ in fields.values()]
         self._fields = [field for _, field in fields.values()]
-        self._read: Callable[[], list[np.ndarray]] | None = None
-        self._put: Callable[..., None] | None = None
-
-    def clear(self) -> None:
-        """Set every field of the state to zero, the value of new fields."""
-        for field in self._fields:
-            field.fill(0)
 
     def save(self) -> dict[str, Any]:
         """Return a copy of the state on the host, as a dict from the path of each piece to its value."""
-        if self._read is None:
-            self._read = reader(*self._fields)
-        saved: dict[str, Any] = dict(zip(self.paths, self._read(), strict=True))
+        saved: dict[str, Any] = {
+            path: field.to_numpy() for path, field in zip(self.paths, self._fields, strict=True)
+        }
         for piece in self._on_host():
             value = piece.value
             if isinstance(value, np.random.Generator):
@@ -118,9 +106,8 @@ class State:
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Set the component to a state saved by `save`."""
-        if self._put is None:
-            self._put = uploader(*self._fields)
-        self._put(*(saved[path] for path in self.paths))
+        for path, field in zip(self.paths, self._fields, strict=True):
+            field.from_numpy(saved[path])
         for piece in self._on_host():
             value, before = piece.value, deepcopy(saved[piece.path])
             if isinstance(value, np.random.Generator):

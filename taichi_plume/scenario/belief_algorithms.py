@@ -10,7 +10,7 @@ from taichi_plume.scenario import si
 from taichi_plume.scenario.plume_tracking import Casting
 from taichi_plume.scenario.quantities import ill_sized, number
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm, Listening
-from taichi_plume.scenario.vocabulary import COMPILED, consistency_check
+from taichi_plume.scenario.vocabulary import consistency_check
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.domain import Arena
@@ -73,7 +73,7 @@ class AnyInfotaxis(Listening, Declares):
     """Mean reading of an acquisition that counts as a detection."""
     step: si.Length = 0.25
     """Distance driven after each acquisition, unless the robot stays."""
-    cell: Annotated[si.Length, COMPILED] = 0.1
+    cell: si.Length = 0.1
     """Edge of the cells of the belief map. Smaller ones take longer."""
     rate: si.Frequency = 1.0
     """Detections per second close to the source, in the model of the robot."""
@@ -124,9 +124,9 @@ class ParticleFilter(Casting, Declares):
     kind: Literal["particle_filter"]  # type: ignore[assignment]
     particles: Annotated[int, Field(ge=10, le=100_000)] = 500
     """Number of particles of each robot. More make a smoother posterior, and take longer."""
-    period: Annotated[si.Wait, COMPILED] = 1.0
+    period: si.Wait = 1.0
     """Time between two updates of the particles; the wind of each is averaged over it."""
-    memory: Annotated[si.Wait, COMPILED] = 60.0
+    memory: si.Wait = 60.0
     """Time for which the measured wind is kept and gas is followed back: as long as gas takes from the source."""
     patch: si.Length = 0.1
     """Radius of a patch of gas when it is released: standard deviation of its distribution."""
@@ -149,7 +149,7 @@ class ParticleFilter(Casting, Declares):
     """Largest scatter (root mean square) of these estimates, and of the particles, for the robot to go there."""
     avoidance: si.Length = 0.1
     """Distance kept to walls and other robots on the way to the estimate."""
-    cell: Annotated[si.Length, COMPILED] = 0.1
+    cell: si.Length = 0.1
     """Edge of the cells of the belief map that is written; the particles themselves have no cells."""
     least_spread: ClassVar[float] = 0.0
 
@@ -182,7 +182,7 @@ class HitMap(Listening, Declares):
     acquisition: si.Wait = 3.0
     threshold_ppm: si.SomePpm = 5.0
     """Mean reading of an acquisition that counts as a hit."""
-    cell: Annotated[si.Length, COMPILED] = 0.2
+    cell: si.Length = 0.2
     """Edge of the map's cells. Smaller ones locate more finely, and take longer."""
     calm: si.Speed = 0.05
     """Mean wind speed below which its direction is ignored, and only the distance counts."""

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from taichi_plume.scenario import si
-from taichi_plume.scenario.vocabulary import COMPILED, Model
+from taichi_plume.scenario.vocabulary import Model
 
 GRAVITY = 9.81  # m/s²
 # Footprints, speeds and wheel bases from the makers' sheets and from the papers that used the robots: MOMO in Ferri et
@@ -50,7 +50,7 @@ class Body(Model):
     (2.1) and a matrice_100 fly, in 3-D runs: they move in any direction."""
     radius: si.BodyLength = 0.08
     """Radius of the disc that the robot is, for contact with walls, obstacles and others."""
-    height: Annotated[si.BodyLength, COMPILED] = 0.15
+    height: si.BodyLength = 0.15
     """Height of the body: it passes under higher obstacles. With `wake`, the height that disturbs the air."""
     max_speed: si.TopSpeed = 0.2
     """Largest speed; with a `wheel_base`, of each wheel."""

@@ -9,7 +9,7 @@ from pydantic import Field
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Arena, Context, ends_early, span
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm
-from taichi_plume.scenario.vocabulary import COMPILED, FileName
+from taichi_plume.scenario.vocabulary import FileName
 
 if TYPE_CHECKING:
     from taichi_plume.files.trajectories import Way
@@ -22,7 +22,7 @@ class External(AnyAlgorithm):
     outside: ClassVar[bool] = True
     may_declare: ClassVar[bool] = True  # unknown: the program decides
     kind: Literal["external"]
-    takes: Annotated[Literal["velocity", "pose"], COMPILED] = "velocity"
+    takes: Literal["velocity", "pose"] = "velocity"
     """Content of the commands. velocity: speed and turn rate, which the simulated body carries out; pose: where real
     robots are, which measure the simulated plume there."""
     timeout: si.Duration = 1.0

@@ -9,7 +9,7 @@ from pydantic import Field
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.quantities import number
-from taichi_plume.scenario.vocabulary import COMPILED, Model
+from taichi_plume.scenario.vocabulary import Model
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,9 @@ class GasSensor(Model):
     single sample at its end."""
     height: si.Distance = 0.1
     """Height over the floor; 3-D only. Heavy vapour from a source on the floor is met low."""
-    ahead: Annotated[si.Coordinate, COMPILED] = 0.0
+    ahead: si.Coordinate = 0.0
     """Distance in front of the robot's centre; negative is behind it."""
-    left: Annotated[si.Coordinate, COMPILED] = 0.0
+    left: si.Coordinate = 0.0
     """Distance to the left of the robot's centre; negative is to its right."""
 
     law: ClassVar[Literal["mox", "linear", "line"]] = "linear"

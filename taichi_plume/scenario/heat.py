@@ -8,7 +8,7 @@ from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Located
 from taichi_plume.scenario.initial_conditions import InitialHeat
 from taichi_plume.scenario.surfaces import OnObstacle, Surfaces
-from taichi_plume.scenario.vocabulary import AT_START, COMPILED, Model, consistency_check
+from taichi_plume.scenario.vocabulary import AT_START, Model, consistency_check
 from taichi_plume.scenario.windows import Region
 
 
@@ -18,7 +18,7 @@ class Heater(Located):
     what: ClassVar[str] = "heater"
     power: si.Power
     """Convective heat into the air; negative cools. Radiated heat does not count: half of a person's 100 W."""
-    radius: Annotated[si.Length, COMPILED] = 0.1
+    radius: si.Length = 0.1
     """Radius of the ball (in 2-D the disc) of air that is warmed evenly."""
 
 

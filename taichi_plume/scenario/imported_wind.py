@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 import psutil
@@ -11,7 +11,7 @@ import psutil
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.playback import Played
-from taichi_plume.scenario.vocabulary import COMPILED, Face, FileName
+from taichi_plume.scenario.vocabulary import Face, FileName
 from taichi_plume.scenario.wind_base import AnyWind
 
 if TYPE_CHECKING:
@@ -34,12 +34,12 @@ class ImportedWind(AnyWind, Played):
     """Path of a file, or of several, relative to the scenario's folder. %d stands for numbers that count up by one,
     such as in wind_at_cell_centers_%d.csv, %g for times in s, such as in postProcessing/cloud/%g/points_U.xy. A case
     folder of OpenFOAM stands for all of its times, whole or decomposed, CASE/TIME for one of them."""
-    interval: Annotated[si.Duration, COMPILED] = 1.0
+    interval: si.Duration = 1.0
     """Time from one numbered file to the next; the first is of time 0."""
-    origin: Annotated[si.Point, COMPILED] | None = None
+    origin: si.Point | None = None
     """Where the domain's lower corner lies in the files. Unless given, the lower corner of the occupancy grid, or
     without one that of the points."""
-    height: Annotated[si.Coordinate, COMPILED] | None = None
+    height: si.Coordinate | None = None
     """Height z in the files at which a 2-D run cuts them; unless given, the middle of the points."""
     occupancy: FileName | None = None
     """Path of an OccupancyGrid3D.csv of GADEN's: obstacles besides the scenario's own. A config.yaml or

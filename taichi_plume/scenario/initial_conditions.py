@@ -10,7 +10,7 @@ from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.formulas import AXES, FormulaError, evaluate, formula
 from taichi_plume.scenario.species import Species
-from taichi_plume.scenario.vocabulary import FREE, PER_AXIS, FileName, Model, consistency_check
+from taichi_plume.scenario.vocabulary import PER_AXIS, FileName, Model, consistency_check
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.domain import Domain
@@ -124,9 +124,7 @@ class InitialWind(FilmedInitial):
 
     part, key, unit = "wind", "velocity", "m/s"
     least, most = -FASTEST, FASTEST
-    velocity: Annotated[
-        tuple[formula("m/s"), ...] | None, Field(min_length=2, max_length=3), PER_AXIS, FREE
-    ] = None  # type: ignore[valid-type]
+    velocity: Annotated[tuple[formula("m/s"), ...] | None, Field(min_length=2, max_length=3), PER_AXIS] = None  # type: ignore[valid-type]
     """Components per axis, each a number or a formula of x, y and z. Such as "0.2*sin(pi*x)"; the solver makes the
     whole free of divergence."""
 
@@ -149,7 +147,7 @@ class InitialGas(FilmedInitial):
 
     part, key, unit = "gas", "concentration", "kg/m^3"
     least, most = 0.0, 10.0  # heavier than any vapour
-    concentration: Annotated[formula("kg/m^3", ppm=1e6) | None, FREE] = None  # type: ignore[valid-type]
+    concentration: formula("kg/m^3", ppm=1e6) | None = None  # type: ignore[valid-type]
     """A number or a formula of x, y and z, such as "420 ppm" or "1e-5*exp(-((x-1)**2 + (y-1)**2)/0.02)". In a formula
     ppm is the density of one, so that "420*ppm + 1e-5*x" adds both."""
 
@@ -162,7 +160,7 @@ class InitialHeat(Initial):
     """Temperature of the air."""
 
     key, unit, least, most = "temperature", "K", COLDEST, WARMEST
-    temperature: Annotated[formula("K"), FREE]  # type: ignore[valid-type]
+    temperature: formula("K")  # type: ignore[valid-type]
     """A number or a formula of x, y and z, such as "295 + 2*z" for air that is warmer above."""
 
 

@@ -2,14 +2,14 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, ends_early, span
 from taichi_plume.scenario.sources import OneGas, Target
-from taichi_plume.scenario.vocabulary import COMPILED, FileName, Model
+from taichi_plume.scenario.vocabulary import FileName, Model
 from taichi_plume.scenario.wind_base import AnyWind
 
 if TYPE_CHECKING:
@@ -180,11 +180,11 @@ class MovieGas(OneGas, Played):
     variable: str | None = None
     """Name of the variable in a group or an HDF5 file. Unless given it is `concentration`, else `plume`, else the only
     one there is."""
-    frame_rate: Annotated[si.Frequency, COMPILED] | None = None
+    frame_rate: si.Frequency | None = None
     """Frames per second; unless given, the file's attribute `fps`."""
-    pixel: Annotated[si.Length, COMPILED] | None = None
+    pixel: si.Length | None = None
     """Width of a pixel; unless given, the file's attribute `pixel_to_grid`, in metres."""
-    origin: Annotated[si.Point2, COMPILED] | None = None
+    origin: si.Point2 | None = None
     """Position of the picture's lower left corner in the domain, x and y. Unless given, it is the file's attribute
     `origin` (there y, x), else 0, 0."""
     rows: Literal["up", "down"] = "up"

@@ -8,7 +8,6 @@ from pydantic import Field
 from taichi_plume.scenario import si
 from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm
-from taichi_plume.scenario.vocabulary import FREE
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.domain import Arena
@@ -54,7 +53,7 @@ class Casting3D(PlumeTracking):
     """First crosswind cast along the ground, when the plume is lost; later ones are twice, three times as far."""
     cast_rise: si.Length = 0.2
     """First cast upward or downward, when the plume is lost; later ones are twice, three times as far."""
-    turns: Annotated[int, Field(ge=1, le=100), FREE] = 3
+    turns: Annotated[int, Field(ge=1, le=100)] = 3
     """Number of rounds about the position where the plume was lost before the search starts again."""
     find_rise: si.Length = 0.4
     """Rise between crosswind sweeps, while no plume has been found."""

@@ -14,7 +14,7 @@ from taichi_plume.scenario.domain import Context, Domain
 from taichi_plume.scenario.playback import PlumeSimLog, PointPlayback
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.sources import OneGas, Target
-from taichi_plume.scenario.vocabulary import COMPILED, FileName, consistency_check
+from taichi_plume.scenario.vocabulary import FileName, consistency_check
 
 MOST_NODES = 1_000_000  # of a lattice on the domain
 
@@ -50,11 +50,11 @@ class FluentGas(PercentGas, PointPlayback):
     so on."""
     frames: si.Count | None = None
     """Number of files to take; unless given, all there are."""
-    period: Annotated[si.Duration, COMPILED] = 1.0
+    period: si.Duration = 1.0
     """Time from one file to the next."""
-    cell: Annotated[si.Length, COMPILED] = 0.1
+    cell: si.Length = 0.1
     """Distance up to which a point counts."""
-    largest: Annotated[si.Magnitude, COMPILED] | None = None
+    largest: si.Magnitude | None = None
     """Concentration that counts as 100 percent, in the files' unit; unless given, the largest in them."""
 
     @field_validator("files")
@@ -120,7 +120,7 @@ class PlumeSimMeander(PercentGas):
     """Factor of `dispersion` that widens the plume; PlumeSim's name."""
     dispersion: si.Coefficient = 0.1
     """Widening: points lie across with a standard deviation of dispersion release_rate (x - x0)."""
-    radius: Annotated[si.Length, COMPILED] = 0.1
+    radius: si.Length = 0.1
     """Points within this distance of a sensor count for its reading."""
 
     by_chance: ClassVar[bool] = True

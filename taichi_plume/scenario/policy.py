@@ -7,7 +7,7 @@ from pydantic import Field
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm
-from taichi_plume.scenario.vocabulary import COMPILED, INPUT_FILE, consistency_check
+from taichi_plume.scenario.vocabulary import INPUT_FILE, consistency_check
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.domain import Arena, Context
@@ -51,7 +51,7 @@ class Policy(AnyAlgorithm):
     gas entry since the last decision; resistance: of a metal oxide; wind: the measured direction and
     speed; bumper; heading and position: as the robot estimates them; action: the last one; clock: the time since the
     start, as t/(t + 60 s); mates: positions and readings of team mates in radio range."""
-    memory: Annotated[tuple[si.Wait, ...], Field(max_length=8), COMPILED] = (1.0, 5.0, 20.0)
+    memory: Annotated[tuple[si.Wait, ...], Field(max_length=8)] = (1.0, 5.0, 20.0)
     """Time constants of averages of the gas entry, for the entry `memory`."""
     history: Annotated[int, Field(ge=1, le=MOST_STACKED)] = 1
     """Number of stacked observations, the newest first."""

@@ -29,7 +29,7 @@ from taichi_plume.scenario.screens import AnyScreen
 from taichi_plume.scenario.starts import too_close
 from taichi_plume.scenario.task import Task
 from taichi_plume.scenario.team_algorithms import too_many_messages
-from taichi_plume.scenario.vocabulary import AT_START, COMPILED, FREE, FileName, Model
+from taichi_plume.scenario.vocabulary import AT_START, FileName, Model
 from taichi_plume.scenario.winds import Wind
 
 if TYPE_CHECKING:
@@ -61,15 +61,15 @@ class Scenario(Model):
 
     model_config = ConfigDict(json_schema_extra=_or_a_project)
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"), FREE] = "run"
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")] = "run"
     """Name of the experiment, and of the folders of its runs. Letters, digits, dot, underscore and dash."""
-    seed: Annotated[int, Field(ge=0, lt=2**32), FREE, AT_START] = 0
+    seed: Annotated[int, Field(ge=0, lt=2**32), AT_START] = 0
     """Seed of all random numbers: the same seed makes the same run. Another one draws other eddies, noise and start
     positions."""
-    air_seed: Annotated[int, Field(ge=0, lt=2**32), FREE, AT_START] | None = None
+    air_seed: Annotated[int, Field(ge=0, lt=2**32), AT_START] | None = None
     """Seed of wind and gas alone; unless given, `seed`. With the same air_seed and another seed, robots with other
     starts and noise search in the same air."""
-    gaden: Annotated[FileName, FREE] | None = None
+    gaden: FileName | None = None
     """Path of a project of GADEN, or of one of its simulations, in a scenario's file. Room, wind, source and gas are
     taken from it; keys of the scenario take precedence."""
     duration: si.Duration
@@ -77,10 +77,10 @@ class Scenario(Model):
     warm_up: Annotated[si.Delay, AT_START] = 0.0
     """Time before the robots start, for flow and gas to develop. The clock then shows negative times, up to 0; the
     air should pass the room a few times."""
-    tick: Annotated[si.Tick, COMPILED] = 0.1
+    tick: Annotated[si.Tick, AT_START] = 0.1
     """Control period: once per tick sensors measure and robots decide. The air takes as many shorter steps as it
     needs."""
-    stop_early: Annotated[bool, FREE] = True
+    stop_early: bool = True
     """End the run once no robot of any group searches any more. Each robot has then found a source or, if that ends the
     search, declared one. With false the run lasts the whole duration, as for maps and measurements."""
     domain: Domain
@@ -101,19 +101,19 @@ class Scenario(Model):
     the groups share the floor."""
     maps: tuple[Map, ...] = ()
     """Gas maps made online from the robots' readings, and scored against the mean of the true gas."""
-    recording: Annotated[Recording, FREE] = Recording()
+    recording: Recording = Recording()
     """Recording for the viewer, in recording.rrd."""
-    forces: Annotated[Forces, FREE] = Forces()
+    forces: Forces = Forces()
     """Interval at which the force of the air on each obstacle is written to forces.csv."""
-    probes: Annotated[Probes | None, FREE] = None
+    probes: Probes | None = None
     """Points at which wind, pressure, gas and temperature are written to probes.parquet; unless given, none."""
-    fields: Annotated[Fields | None, FREE] = None
+    fields: Fields | None = None
     """Whole wind and gas fields over time, in fields.zarr: to look at or to play back; unless given, none."""
-    plumesim_log: Annotated[PlumeLog | None, FREE] = None
+    plumesim_log: PlumeLog | None = None
     """Wind and gas as a log of PlumeSim, in plume.pslog; unless given, none is written."""
-    task: Annotated[Task, FREE] = Task()
+    task: Task = Task()
     """The scenario as a task to learn: episodes, airs, rewards. Runs ignore it."""
-    checkpoint: Annotated[Checkpoint | None, FREE] = Checkpoint()
+    checkpoint: Checkpoint | None = Checkpoint()
     """Interval of checkpoints, from which an interrupted run can be resumed. null: never."""
 
     @field_validator("gaden")

@@ -8,7 +8,7 @@ from pydantic import Field
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, span
 from taichi_plume.scenario.palette import HONEYCOMB, rgb
-from taichi_plume.scenario.vocabulary import COMPILED, Axis, Color, not_both
+from taichi_plume.scenario.vocabulary import Axis, Color, not_both
 from taichi_plume.scenario.windows import Window
 
 
@@ -18,9 +18,9 @@ class Screen(Window):
     color: ClassVar[Color] = rgb(HONEYCOMB)
     axis: Axis
     """Axis through the screen, across which it stands."""
-    at: Annotated[si.Coordinate, COMPILED]
+    at: si.Coordinate
     """Position of the middle of the screen along that axis."""
-    thickness: Annotated[si.Distance, COMPILED] = 0.05
+    thickness: si.Distance = 0.05
     """Thickness along the axis, in whole cells and at least one."""
     transverse: si.Coefficient = 1000.0
     """Resistance along the screen over that through the screen. Large values straighten the flow; 1 for thin sheets."""
@@ -82,7 +82,7 @@ class Perforated(Screen):
     kind: Literal["perforated"]
     loss_coefficient: si.Coefficient = 2.0
     """Pressure drop over the dynamic pressure: more evens the flow out more."""
-    thickness: Annotated[si.Distance, COMPILED] = 0.0
+    thickness: si.Distance = 0.0
     transverse: si.Coefficient = 1.0
 
     def losses(self, viscosity: float) -> tuple[float, float]:

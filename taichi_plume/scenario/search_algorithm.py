@@ -7,7 +7,7 @@ from pydantic import Field
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.quantities import number
-from taichi_plume.scenario.vocabulary import COMPILED, Model
+from taichi_plume.scenario.vocabulary import Model
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.domain import Arena
@@ -76,8 +76,8 @@ class Spiral(Listening):
 
     searches: ClassVar[bool] = True
     kind: Literal["spiral"]
-    acquisition: Annotated[si.Wait, COMPILED] = 30.0
-    sample_period: Annotated[si.Wait, COMPILED] = 0.5
+    acquisition: si.Wait = 30.0
+    sample_period: si.Wait = 0.5
     minimum_ppm: si.SomePpm = 0.2
     """Threshold of the proximity index at the start, and after an escape: a mean index far from the source."""
     delta: Annotated[float, Field(ge=1e-6, lt=1)] = 0.2

@@ -11,7 +11,7 @@ from taichi_plume.scenario.domain import Context, Domain, Located
 from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.species import PRESSURE, SPECIES, TEMPERATURE, Species, SpeciesName
 from taichi_plume.scenario.suggestions import hint
-from taichi_plume.scenario.vocabulary import COMPILED, Model, exactly_one, stop_after_start
+from taichi_plume.scenario.vocabulary import Model, exactly_one, stop_after_start
 
 
 class OtherSpecies(Model):
@@ -84,7 +84,7 @@ class Source(Located):
     """Mass that it emits per time while it is on. Give either this or a `dish`."""
     dish: Dish | None = None
     """An open dish of liquid instead of a rate, whose evaporation depends on the wind."""
-    radius: Annotated[si.Length, COMPILED] = 0.05
+    radius: si.Length = 0.05
     """Radius of the ball (in 2-D the disc) that emits evenly over its volume. On a grid the gas has a standard
     deviation of at least 0.9 cells, that of a ball with a radius of two cells. With a dish, it is half of the diameter;
     only the vapour of a dish smaller than a cell may be spread over up to a cell."""

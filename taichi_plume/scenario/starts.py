@@ -10,7 +10,7 @@ from pydantic import Field
 from taichi_plume.grid.shapes import clearance_resolution
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, span
-from taichi_plume.scenario.vocabulary import COMPILED, Model
+from taichi_plume.scenario.vocabulary import Model
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.bodies import Body
@@ -28,7 +28,7 @@ class AnyStart(Model):
 
     heading_deg: si.Angle | None = None
     """Heading of each robot at the start, from the x axis to the left; unless given, drawn at random."""
-    altitude: Annotated[si.Distance, COMPILED] | None = None
+    altitude: si.Distance | None = None
     """Altitude of drones at the start, of the lower end of the body over the floor; unless given, 1 m. Search
     algorithms of the floor stay there."""
 

@@ -17,19 +17,15 @@ if TYPE_CHECKING:
 
 
 class Mark(Enum):
-    """Annotation of a key of a scenario, such as ``Annotated[Length, COMPILED]``; the value explains it."""
+    """Annotation of a key of a scenario, such as ``Annotated[Length, AT_START]``; the value explains it."""
 
-    COMPILED = """A number on which shapes of fields, tables or kernels depend. They depend on kinds, names, counts and
-    lengths of lists anyway. All other numbers reach kernels at run time: a reset may change them, see
-    `TimeLoop.reset`."""
-    FREE = "A reset may change the key, with all below it, although its value is no float."
     AT_START = "Key that acts at the start of a run alone: `Simulation.change` refuses it, a reset takes it."
     INPUT_FILE = "Path of an input file, relative to the scenario's folder; with %d or %g, of several files."
     SPATIAL = "Key of 3-D runs alone: in 2-D its value must be zero, false or not given."
     PLANE = "Names of faces or axes, whose z does not exist in 2-D runs."
 
 
-COMPILED, FREE, AT_START, INPUT_FILE, SPATIAL, PLANE = Mark
+AT_START, INPUT_FILE, SPATIAL, PLANE = Mark
 
 
 @dataclass(frozen=True)

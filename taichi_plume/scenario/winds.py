@@ -17,7 +17,7 @@ from taichi_plume.scenario.openings import Opening
 from taichi_plume.scenario.playback import PlaybackWind, PlumeSimWind
 from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.screens import AnyScreen
-from taichi_plume.scenario.vocabulary import AT_START, FREE, SPATIAL, Model, MomentumConvection
+from taichi_plume.scenario.vocabulary import AT_START, SPATIAL, Model, MomentumConvection
 from taichi_plume.scenario.wind_base import GUST, AnyWind
 
 if TYPE_CHECKING:
@@ -285,10 +285,10 @@ class SyntheticWind(AnyWind):
     """
 
     kind: Literal["synthetic"]
-    speed: Annotated[si.Speed | None, FREE] = None
+    speed: si.Speed | None = None
     """Root mean square of the eddies' speed over the room. Unless given, the edge of a cube (in 2-D a square) as large
     as the room, over 300 s: 1.2 cm/s in 50 m³."""
-    longest: Annotated[si.Length | None, FREE] = None
+    longest: si.Length | None = None
     """Wavelength of the largest eddies: about the size of their cause, or of the room. Unless given 0.38 of that
     edge, 1.4 m in 50 m³; at least 0.2 m and eight cells. Eddies of twice the length mix about twice as fast."""
     shortest: si.Length | None = None
@@ -302,7 +302,7 @@ class SyntheticWind(AnyWind):
     unsteadiness: si.Coefficient = 0.5
     """Rate of change of the eddies: frequency of each wave over that of eddies of its size, sqrt(k³ E(k)). 0 keeps them
     constant."""
-    circulation: Annotated[si.Speed | None, FREE] = None
+    circulation: si.Speed | None = None
     """Root mean square speed of the rolls that fill the room, over room and time. They carry gas from one end to the
     other. Unless given a quarter of `speed`."""
     circulation_time: si.Duration = 120.0

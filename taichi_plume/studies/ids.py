@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 from taichi_plume import __version__
 from taichi_plume.files.manifest import digest
 from taichi_plume.scenario.changes import changed
+from taichi_plume.scenario.comparison import structure
 from taichi_plume.scenario.input_files import input_files, read_for
-from taichi_plume.scenario.reset import structure
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.studies.axes import DIGITS
 from taichi_plume.studies.study_keys import SEEDS
@@ -73,12 +73,13 @@ class Digests:
         }
         read |= classes
         data = _rounded(changed(data, read))
+        kinds = [structure(value) for key, value in scenario if key not in (*OUTPUTS, *SEEDS)]
         wakes = any(group.wake for group in scenario.robots)
         return Ids(
             _hash({key: value for key, value in data.items() if key not in (*OUTPUTS, *SEEDS)}),
             _hash({key: data[key] for key in (*OF_AIR, *(OF_WAKES if wakes else ()))}),
             # with files and classes: a worker outlives changes of files that it has read
-            _hash([structure(scenario), list(read.items())]),
+            _hash([kinds, list(read.items())]),
             scenario.air_by_chance,
             wakes,
         )

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from taichi_plume.assembly.preparation import checked
+from taichi_plume.assembly.assemble import build
 from taichi_plume.execution.execute import explain
 from taichi_plume.files.shared_film import AirFilm, NewAirFilm
 from taichi_plume.grid.fields import concentration_at
@@ -17,7 +17,7 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.solvers.playback import VELOCITIES, TickFilm, variable
 from taichi_plume.studies.air_plan import filmed
 from taichi_plume.studies.messages import AirRecord, Task
-from taichi_plume.studies.simulation_cache import WARM
+from taichi_plume.studies.worker_process import PROCESS
 from taichi_plume.time_loop import Every, TimeLoop
 
 SHARE = 0.5  # fraction of the free memory per core for cached frames of films
@@ -28,25 +28,21 @@ SHARE = 0.5  # fraction of the free memory per core for cached frames of films
 def solve_air(task: Task) -> AirRecord:
     """Solve the shared air of a task and write its film to `task.film`. A failure yields a record with the message."""
     begun, air = time.perf_counter(), task.requests[0].air
-    key = ("air", task.requests[0].structure, str(task.folder))
     try:
-        frames, size = _solve(task, key)
+        frames, size = _solve(task)
     except Exception as error:
-        WARM.drop(key)
         message = "; ".join(error.faults) if isinstance(error, ScenarioError) else explain(error)[1]
         return AirRecord(air, time.perf_counter() - begun, 0, 0, " ".join(message.split()))
     return AirRecord(air, time.perf_counter() - begun, frames, size)
 
 
-def _solve(task: Task, key: tuple[str, ...]) -> tuple[int, int]:
+def _solve(task: Task) -> tuple[int, int]:
     """Compute the shared wind and gas, write the film, and return its number of frames and size in bytes."""
     assert task.film is not None
     scenarios = [scenario_of(task.base, request.changes) for request in task.requests]
     scenario = alone(scenarios[0], max(each.duration for each in scenarios))
-    known = WARM.reset(key, scenario)
-    if known is None:
-        known = WARM.add(key, checked(scenario, task.folder, task.options.allow_outside))
-    sim = known.sim
+    PROCESS.start()
+    sim = build(PROCESS.prepared(scenario, task))
     wind, gases = filmed(sim.scenario)
     film = NewAirFilm(task.film, sim.grid.shape, _variables(sim.scenario), sim.dt, sim.last_tick + 1)
     shown = [n for n, (path, _) in enumerate(sim.scenario.gases) if path in gases]
@@ -113,8 +109,8 @@ def opened(path: Path) -> AirFilm:
     return _films[key]
 
 
-def put(film: AirFilm, scenario: Scenario, player: TickFilm | None = None) -> TickFilm:
-    """Set the film of a player, or of a new player, for a run's next start, and return the player.
+def played(film: AirFilm, scenario: Scenario) -> TickFilm:
+    """Return a film as the recording that a run plays.
 
     Raises ValueError if grid, time step, wind, gases or length of the film do not fit the scenario.
     """
@@ -123,9 +119,7 @@ def put(film: AirFilm, scenario: Scenario, player: TickFilm | None = None) -> Ti
         raise ValueError("the film of the air is of another grid, tick, wind or gas")
     if film.frames <= scenario.last_tick:
         raise ValueError(f"the film of the air ends at t = {film.times[-1]:g} s, before the run does")
-    player = player or TickFilm(*filmed(scenario))
-    player.film = film
-    return player
+    return TickFilm(film, *filmed(scenario))
 
 
 def _variables(scenario: Scenario) -> tuple[str, ...]:

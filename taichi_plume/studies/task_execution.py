@@ -1,15 +1,16 @@
-"""Worker side of a study: execute runs one after another on simulations that stay compiled."""
+"""Worker side of a study: execute runs one after another."""
 
 import os
 import sys
 import tempfile
 import time
-from collections.abc import Hashable
 from contextlib import suppress
 from pathlib import Path
 
+from taichi_plume.assembly.assemble import build
 from taichi_plume.assembly.own_code import execute
-from taichi_plume.assembly.preparation import checked
+from taichi_plume.assembly.preparation import Prepared
+from taichi_plume.engine import program
 from taichi_plume.execution.execute import End, explain, report, whole
 from taichi_plume.execution.outputs import About, Outputs
 from taichi_plume.execution.result import result, write_result
@@ -22,9 +23,10 @@ from taichi_plume.scoring.maps import MapScores
 from taichi_plume.studies import shared_air
 from taichi_plume.studies.given_classes import load_given
 from taichi_plume.studies.messages import Cost, Outcomes, Record, Request, Row, Task
-from taichi_plume.studies.simulation_cache import WARM, CachedSimulation
 from taichi_plume.studies.store import KEPT_FOLDER, forget_failed, leave_failed
 from taichi_plume.studies.table_rows import outcomes_of, probed, trial_rows
+from taichi_plume.studies.worker_process import PROCESS
+from taichi_plume.time_loop import TimeLoop
 
 UNFINISHED = "unfinished"  # beside KEPT_FOLDER, so that paths relative to a run folder stay valid
 ALWAYS = ("scenario.yaml", "result.json")  # files that every kept run folder holds
@@ -46,9 +48,8 @@ class _Run:
 
     def __init__(self, task: Task, request: Request):
         self.task, self.request = task, request
-        self.key: Hashable = (request.structure, str(task.folder), task.film is not None)
         self.begun, self.clock = time.time(), time.perf_counter()
-        self.compiled = WARM.compiled
+        self.compiled = program.compiled()
         self.simulated = 0.0
 
     def record(self) -> Record:
@@ -57,35 +58,31 @@ class _Run:
         outcomes: Outcomes = dict.fromkeys(self.task.options.outcomes)
         try:
             scenario = scenario_of(self.task.base, self.request.changes)
-            cached = self._ready(scenario)
-            end, outcomes = self._simulate(cached)
-            trials = trial_rows(cached.sim)
+            prepared, sim = self._built(scenario)
+            end, outcomes = self._simulate(prepared, sim)
+            trials = trial_rows(sim)
             forget_failed(self.task, self.request)
         except (Exception, SystemExit) as error:  # users' code may raise anything
             end = self._failed(error)
         return Record(self.request.run, end.status, end.message, trials, outcomes, self._cost())
 
-    def _ready(self, scenario: Scenario) -> CachedSimulation:
-        """Return a simulation at the start of the run: a cached simulation after a reset, or a new one."""
+    def _built(self, scenario: Scenario) -> tuple[Prepared, TimeLoop]:
+        """Return the checked scenario with its files, and its simulation."""
         task = self.task
-        film = None if task.film is None else shared_air.opened(task.film)
-        known = WARM.find(self.key)
-        if film is not None and known is not None and known.player is not None:
-            shared_air.put(film, scenario, known.player)
-        known = WARM.reset(self.key, scenario)
-        if known is not None:
-            return known
-        prepared = checked(scenario, task.folder, task.options.allow_outside)
+        prepared = PROCESS.prepared(scenario, task)
         execute(prepared, task.options.allow_code)
         load_given(prepared, task.options.classes)
-        player = None if film is None else shared_air.put(film, prepared.scenario)
-        return WARM.add(self.key, prepared, player)
+        film = None
+        if task.film is not None:
+            film = shared_air.played(shared_air.opened(task.film), prepared.scenario)
+        PROCESS.start()
+        return prepared, build(prepared, film)
 
-    def _simulate(self, cached: CachedSimulation) -> tuple[End, Outcomes]:
-        sim, outcomes = cached.sim, self.task.options.outcomes
+    def _simulate(self, prepared: Prepared, sim: TimeLoop) -> tuple[End, Outcomes]:
+        outcomes = self.task.options.outcomes
         try:
             if self.task.options.keep or probed(outcomes):
-                return _run_with_files(cached, self.task, self.request)
+                return _run_with_files(prepared, sim, self.task, self.request)
             map_scores = MapScores(sim) if sim.maps and outcomes else None
             if map_scores is not None:
                 sim.observers.append(map_scores.observer())
@@ -93,16 +90,12 @@ class _Run:
         finally:
             self.simulated = sim.wall_s
         end = whole(sim)
-        content = result(sim, end.status, end.message, WARM.backend, map_scores) if outcomes else {}
+        content = result(sim, end.status, end.message, PROCESS.backend, map_scores) if outcomes else {}
         return end, outcomes_of(outcomes, content)
 
     def _failed(self, error: BaseException) -> End:
-        """Write the files to repeat a failed run, drop its simulation from the cache, and return the run's end."""
-        if isinstance(error, ScenarioError):
-            message = "; ".join(error.faults)
-        else:
-            WARM.drop(self.key)
-            message = explain(error)[1]
+        """Write the files to repeat a failed run, and return the run's end."""
+        message = "; ".join(error.faults) if isinstance(error, ScenarioError) else explain(error)[1]
         message = " ".join(message.split())
         with suppress(OSError):
             leave_failed(self.task, self.request, message)
@@ -110,7 +103,7 @@ class _Run:
 
     def _cost(self) -> Cost:
         total = time.perf_counter() - self.clock
-        return Cost(self.begun, total, self.simulated, max(0, WARM.compiled - self.compiled), _worker())
+        return Cost(self.begun, total, self.simulated, max(0, program.compiled() - self.compiled), _worker())
 
 
 def _worker() -> str:
@@ -125,7 +118,7 @@ def _worker() -> str:
 # ---------------------------------------------------------------- run folders that a study keeps
 
 
-def _run_with_files(cached: CachedSimulation, task: Task, request: Request) -> tuple[End, Outcomes]:
+def _run_with_files(prepared: Prepared, sim: TimeLoop, task: Task, request: Request) -> tuple[End, Outcomes]:
     """Execute a run in a temporary folder that is renamed to kept/RUN; return the run's end and outcomes.
 
     The final folder holds only the files that the study keeps. The folder is removed if the run raises an error or the
@@ -143,22 +136,21 @@ def _run_with_files(cached: CachedSimulation, task: Task, request: Request) -> t
         folder.chmod(0o755)
         files = keep | ({"probes.parquet"} if probed(task.options.outcomes) else set())
         files |= {*run_folder.FILES} if "report.html" in keep else set()
-        scenario = cached.sim.scenario
-        run_folder.write_scenario(folder, scenario, task.folder.resolve(), WARM.backend, final)
-        inputs = input_paths(scenario, task.folder / "base.yaml", cached.prepared.resources.files)[1:]
-        about = About(folder, "cpu", WARM.backend, "recording.rrd" in files, inputs, files=files)
-        outputs = Outputs(cached.sim, about, SignalRequests())
+        run_folder.write_scenario(folder, sim.scenario, task.folder.resolve(), PROCESS.backend, final)
+        inputs = input_paths(sim.scenario, task.folder / "base.yaml", prepared.resources.files)[1:]
+        about = About(folder, "cpu", PROCESS.backend, "recording.rrd" in files, inputs, files=files)
+        outputs = Outputs(sim, about, SignalRequests())
         try:
             outputs.start()
-            cached.sim.run()
+            sim.run()
         finally:
             faults = outputs.close()
         if faults:
             raise faults[0]
-        end = whole(cached.sim)
-        content = result(cached.sim, end.status, end.message, WARM.backend, outputs.map_scores)
-        played = [PLAYED] if cached.player is not None else []
-        content |= {"remarks": cached.prepared.resources.warnings + outputs.remarks + played}
+        end = whole(sim)
+        content = result(sim, end.status, end.message, PROCESS.backend, outputs.map_scores)
+        played = [PLAYED] if task.film is not None else []
+        content |= {"remarks": prepared.resources.warnings + outputs.remarks + played}
         write_result(folder, content)
         outcomes = outcomes_of(task.options.outcomes, content, folder / "probes.parquet")
         if keep:
