@@ -6,7 +6,7 @@ from typing import Any
 import fake_run
 import numpy as np
 import pytest
-from begun import assert_plain
+from saved import assert_plain
 from scipy import stats
 
 from taichi_plume.execution import result

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.validation.case import Case, Expected
 from taichi_plume.validation.flow_cases import (
     Errors,
@@ -70,9 +71,8 @@ def cavity(n: int, reynolds: int) -> Errors:
     """Return the largest errors of u(0.5, y) and v(x, 0.5) at the tables' nodes; n (even) cells per side."""
     lid = {"kind": "wall", "face": "y+", "velocity": (1.0, 0.0)}
     wind = laminar_wind(1.0 / reynolds, [lid])
-    flow = flow_on(wind, (n, n), 1.0 / n)
 
-    def errors() -> Errors:
+    def errors(flow: FlowSolver) -> Errors:
         settle(flow, 2.0, 200.0)
         u, v = velocities(flow)
         return {
@@ -80,7 +80,7 @@ def cavity(n: int, reynolds: int) -> Errors:
             "v(x, 0.5), largest": error(v[:, n // 2], V, COLUMN[reynolds], 0.0),
         }
 
-    return at_both_steps(flow, wind, errors)
+    return at_both_steps(wind, partial(flow_on, shape=(n, n), dx=1.0 / n), errors)
 
 
 def error(profile: np.ndarray, table: np.ndarray, column: int, end: float) -> float:

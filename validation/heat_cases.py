@@ -5,7 +5,6 @@ from math import pi
 
 import numpy as np
 
-from taichi_plume.grid.state import State
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.heat import HeatSolver
 from taichi_plume.validation.case import SECOND_ORDER, Answer, Case, Curve, Expected
@@ -94,11 +93,10 @@ def plume_flow(n: int, **keys: object) -> tuple[np.ndarray, FlowSolver]:
     heat = {"heaters": [{"position": middle, "radius": RADIUS, "power": POWER}]} | keys
     still = [{"kind": "outlet", "face": face} for face in ("x-", "x+", "y-", "y+", "z+")]
     wind = cfd(still, buoyancy={"heat": heat})
-    flow = flow_on(wind, (n, n, round(TALL * n)), WIDTH / n)
-    state, mean, count = State(flow), np.zeros(flow.grid.shape), round(AVERAGED / SAMPLE)
+    shape, count = (n, n, round(TALL * n)), round(AVERAGED / SAMPLE)
+    mean = np.zeros(shape)
     for seed in SEEDS:
-        state.clear()
-        flow.begin(wind, 0.0, seed)
+        flow = flow_on(wind, shape, WIDTH / n, seed)
         advance(flow, SETTLED)
         for _ in samples(flow, SETTLED, SAMPLE, count):
             mean += flow.grid.read(flow.u[2])

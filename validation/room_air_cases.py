@@ -52,10 +52,9 @@ def of_particles(airs: int, shape: tuple[int, ...], dx: float, **keys: float) ->
     """Return the eddy diffusivity K of a synthetic room over several airs, and the equivalent air change rate."""
     grid = Grid(shape, dx)
     model = SyntheticWind.model_validate({"kind": "synthetic"} | keys)
-    wind = SyntheticSolver(model, grid, Air.everywhere(grid))
     values = []
     for seed in range(airs):
-        wind.begin(model, 0.0, seed)
+        wind = SyntheticSolver(model, grid, Air.everywhere(grid), 0.0, seed)
         values.append(wind.mixing()["eddy_diffusivity_m2_per_s"])
     K, volume = np.array(values), float(np.prod(grid.extent))
     scales = model.scales(grid.extent, grid.dx)
@@ -75,18 +74,16 @@ def released(airs: int) -> Results:
     """
     grid, axes = Grid(*ROOM), (0, 1)
     model = SyntheticWind(kind="synthetic")
-    wind = SyntheticSolver(model, grid, Air.everywhere(grid))
     source = {"position": tuple(0.5 * length for length in grid.extent), "rate": 0.0}
     gas_model = EulerianGas.model_validate({"kind": "eulerian", "sources": [source]})
-    gas = EulerianSolver(gas_model, grid, wind, Air.everywhere(grid))
     x = grid.centers()
     ball = np.exp(-((x - 0.5 * np.array(grid.extent)) ** 2).sum(axis=-1) / (2.0 * RELEASED**2))
     modes = np.zeros((airs, len(LOOKS), len(axes)))
     along, particles = np.zeros(grid.shape[0]), []
     for seed in range(airs):
-        wind.begin(model, 0.0, seed)
+        wind = SyntheticSolver(model, grid, Air.everywhere(grid), 0.0, seed)
         particles.append(wind.mixing()["eddy_diffusivity_m2_per_s"])
-        gas.begin(gas_model)
+        gas = EulerianSolver(gas_model, grid, wind, Air.everywhere(grid))
         gas.start_from(lambda _: ball)
         for n in range(round(LOOKS[-1] / STEP)):
             wind.advance(n * STEP, STEP)

@@ -22,10 +22,10 @@ def cfd(openings: Openings, **keys: object) -> CfdWind:
     return CfdWind.model_validate({"kind": "cfd", "openings": openings} | keys)
 
 
-def flow_on(wind: CfdWind, shape: tuple[int, ...], dx: float) -> FlowSolver:
+def flow_on(wind: CfdWind, shape: tuple[int, ...], dx: float, seed: int = 0) -> FlowSolver:
     """Return the flow solver of a wind in an empty box of cells of edge `dx` [m]."""
     grid = Grid(shape, dx, periodic=periodic_axes(wind.openings, len(shape)))
-    return FlowSolver(wind, grid, Air.everywhere(grid))
+    return FlowSolver(wind, grid, Air.everywhere(grid), seed=seed)
 
 
 def uniform(grid: Grid, speed: float) -> UniformSolver:

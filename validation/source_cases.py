@@ -10,11 +10,10 @@ import numpy as np
 
 from taichi_plume.grid.fields import concentration_at
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.state import State
-from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.winds import UniformWind
+from taichi_plume.solvers.uniform_wind import UniformSolver
 from taichi_plume.validation.case import Answer, Case, Curve, Expected
-from taichi_plume.validation.setups import ethanol, gas_on, uniform
+from taichi_plume.validation.setups import ethanol, gas_on
 
 SPEED, RADIUS = 0.5, 0.02  # m/s, m
 EDDIES = 1e-4
@@ -22,30 +21,22 @@ EDDIES = 1e-4
 
 
 class Plume:
-    """Gas of a small source in a uniform wind, restarted for each position and wind."""
+    """Gas of a small source in a uniform wind, for each position and wind."""
 
     def __init__(self, grid: Grid, diffusivity: float, convection: str = "koren"):
-        self.grid, self.wind = grid, uniform(grid, SPEED)
-        self.keys = {"kind": "eulerian", "convection": convection, "species": ethanol(diffusivity)}
-        middle = {"position": tuple(0.5 * length for length in grid.extent), "rate": 1e-6, "radius": RADIUS}
-        self.gas = gas_on(grid, self.wind, **self.keys, sources=[middle])
-        self.state = State(self.gas)
+        self.grid = grid
+        self.keys = {"convection": convection, "species": ethanol(diffusivity)}
 
     def blowing(self, slope: float) -> UniformWind:
         """Return a wind section along x with `slope` times that speed along y."""
         velocity = (SPEED, SPEED * slope, 0.0)[: self.grid.dim]
         return UniformWind(kind="uniform", velocity=velocity)
 
-    def emitting(self, place: tuple[float, ...]) -> EulerianGas:
-        """Return the gas section with a source at `place` [m]."""
-        source = {"position": place, "rate": 1e-6, "radius": RADIUS}
-        return EulerianGas.model_validate({**self.keys, "sources": [source]})
-
     def steady(self, place: tuple[float, ...], slope: float = 0.0, courant: float = 1.2) -> None:
-        """Restart with a source at `place` [m] and emit for 1.25 flow-through times; slope: of the wind."""
-        self.wind.begin(self.blowing(slope), 0.0, 0)
-        self.state.clear()
-        self.gas.begin(self.emitting(place), 0.0, 0)
+        """Emit from a source at `place` [m] for 1.25 flow-through times; slope: of the wind."""
+        source = {"position": place, "rate": 1e-6, "radius": RADIUS}
+        wind = UniformSolver(self.blowing(slope), self.grid)
+        self.gas = gas_on(self.grid, wind, **self.keys, sources=[source])
         dt = courant * self.grid.dx / (SPEED * (1.0 + slope))
         for _ in range(round(1.25 * self.grid.extent[0] / SPEED / dt)):
             self.gas.advance(0.0, dt)

@@ -188,7 +188,7 @@ class Minimum:
                     number = int(group.name.split()[0])
                     index = float(self.log.records(f"{number} far").index[0].mean())
                     vars(group.model.algorithm)["minimum_ppm"] = self.points[number]["minimum"] * index
-                team.algorithm.begin()
+                team.algorithm = type(team.algorithm)(sim.swarm, team.members, sim.dt)
             self.is_set = True
 
 

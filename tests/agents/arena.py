@@ -1,8 +1,4 @@
-"""What tests of search algorithms share: an empty rectangular arena, scripted gas, and teams that run in it.
-
-Taichi compiles the kernels of each object anew: tests that differ in numbers alone run as rivals in one arena, or let
-one `Run` begin again.
-"""
+"""What tests of search algorithms share: an empty rectangular arena, scripted gas, and teams that run in it."""
 
 import numpy as np
 from robots import group
@@ -74,15 +70,8 @@ class Run:
         self.keys = {"positions": positions, "trials": trials, "heading_deg": heading_deg, **keys}
         high = (low[0] + size[0], low[1] + size[1])
         self.arena, self.seed = arena or ClearanceMap(list(obstacles), high, 0.1, low=low), seed
-        self.sources = np.array(sources).reshape(-1, 2)
-        rivals, where, headings = self._placed(algorithm)
-        several = len(rivals) > 1
-        self.swarm = Swarm(rivals, where, headings, self.arena, self.sources, seed, rivals=several)
-        self.sensors = Sensors(self.swarm, 2, TICK, gas.species)
-        self.teams = teams(self.swarm, TICK)
-        self.gas, self.tick = gas, 0
-        self._look = reader(self.swarm.state, self.swarm.position)
-        self._state = State(self)
+        self.sources, self.gas = np.array(sources).reshape(-1, 2), gas
+        self.begin(algorithm)
 
     @property
     def algorithm(self):
@@ -97,15 +86,15 @@ class Run:
         return groups, *(np.concatenate(parts) for parts in zip(*poses, strict=True))
 
     def begin(self, algorithm, **keys):
-        """Begin anew, with other numbers."""
+        """Make teams at the start of a run; keys: what differs from before."""
         self.keys |= keys
-        groups, where, headings = self._placed(algorithm)
-        self._state.clear()
-        self.swarm.begin(groups, where, headings, self.sources, self.seed)
-        self.sensors.begin()
-        for team in self.teams:
-            team.begin()
+        rivals, where, headings = self._placed(algorithm)
+        several = len(rivals) > 1
+        self.swarm = Swarm(rivals, where, headings, self.arena, self.sources, self.seed, rivals=several)
+        self.sensors = Sensors(self.swarm, 2, TICK, self.gas.species)
+        self.teams = teams(self.swarm, TICK)
         self.tick = 0
+        self._look = reader(self.swarm.state, self.swarm.position)
 
     def of(self, rival):
         """The part of an array over the robots that is a rival's."""

@@ -1,7 +1,6 @@
 """What tests of gas maps share: robots that jump about and read numbers at random, and a log of it."""
 
 import numpy as np
-from begun import Kept
 
 from taichi_plume.agents.gas_map import Floor
 from taichi_plume.engine import ti
@@ -74,26 +73,13 @@ class Readers:
 
 
 class Stock:
-    """Readers and maps that tests of a module share, so that each is compiled once."""
-
-    def __init__(self):
-        self.readers, self.kept = {}, Kept()
+    """Readers and maps of tests."""
 
     def robots(self, seed, trials=TRIALS, count=COUNT, extent=EXTENT):
-        """Readers that begin anew."""
-        if (trials, count) not in self.readers:
-            self.readers[trials, count] = Readers(trials, count)
-        return self.readers[trials, count].begin(seed, extent)
+        return Readers(trials, count).begin(seed, extent)
 
-    def map(self, kind, model, *structure, floor=None):
-        """A map of class `kind` that begins anew. structure: what of the model decides shapes."""
-        floor = floor or Floor(EXTENT, TRIALS, COUNT + 1, TICK)
-        key = (kind, floor, *structure)
-        return self.kept(key, lambda: kind(model, floor), lambda one: one.begin(model))
-
-    def renew(self, gas_map):
-        """Let a map begin anew."""
-        self.kept.renew(gas_map, lambda one: one.begin(one.model))
+    def map(self, kind, model, floor=None):
+        return kind(model, floor or Floor(EXTENT, TRIALS, COUNT + 1, TICK))
 
 
 def feed(gas_map, robots, ticks, dt):

@@ -6,7 +6,6 @@ from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.engine import ti
 from taichi_plume.grid.fields import Wind
-from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.species import SPECIES
@@ -122,9 +121,6 @@ class Air(Wind):
         self.level, self.slope = ti.field(ti.f32, ()), ti.field(ti.f32, ())
         self.u = ti.vector_field(dim, ti.f32, ())
 
-    def begin(self, model, t, seed):
-        pass
-
     def is_finite(self):
         return True
 
@@ -144,22 +140,26 @@ class Air(Wind):
 
 
 class Driver:
-    """A swarm, and what tests do with it: begin anew, command, look."""
+    """A swarm, and what tests do with it: make another, command, look."""
 
     def __init__(self, swarm: Swarm):
-        self.swarm, self.state = swarm, State(swarm)
-        self._put = uploader(swarm.speed_command, swarm.turn_rate_command)
-        self.tick = 0
+        self.swarm, self.tick = swarm, 0
 
     def begin(self, groups, positions, headings, sources=(), seed=0, **keys):
-        self.state.clear()
-        self.swarm.begin(
-            groups, np.array(positions), np.array(headings), np.reshape(sources, (-1, 2)), seed, **keys
+        """Make another swarm in the same arena."""
+        self.swarm = Swarm(
+            groups,
+            np.array(positions),
+            np.array(headings),
+            self.swarm.clearance,
+            np.reshape(sources, (-1, 2)),
+            seed,
+            **keys,
         )
         self.tick = 0
 
     def command(self, speed, turn_rate):
-        self._put(speed, turn_rate)
+        uploader(self.swarm.speed_command, self.swarm.turn_rate_command)(speed, turn_rate)
 
     def move(self, ticks=1, dt=0.1):
         for _ in range(ticks):

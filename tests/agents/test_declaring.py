@@ -54,7 +54,8 @@ def test_a_true_word_finds(swarm):
 
 
 def test_where_words_find_reaching_does_not(swarm):
-    swarm.begin([one.model for one in swarm.groups], SOURCES - 0.1, np.zeros(2), SOURCES, 0)
+    groups = [one.model for one in swarm.groups]
+    swarm = Swarm(groups, SOURCES - 0.1, np.zeros(2), swarm.clearance, SOURCES, 0)
     swarm.move(1, 0.1, 0.1)
     reported = swarm.snapshot()
     assert reported["reached_time"] == pytest.approx(0.1)

@@ -42,20 +42,15 @@ class Flight(Driver):
         clearance.layers = Layers(SHAPES, clearance, ROOM.extent[2], H)
         groups = [drone(), drone(), drone(), drone(kind="free")]
         super().__init__(Swarm(groups, np.zeros((4, 2)), np.zeros(4), clearance, AWAY, 0))
-        swarm = self.swarm
-        self._fly = uploader(
-            swarm.speed_command, swarm.turn_rate_command, swarm.left_command, swarm.climb_command,
-            swarm.goal, swarm.goal_heading,
-        )  # fmt: skip
 
     def put(self, *places, heading=0.0, sources=AWAY, floor=(3.8, 0.2), **body):
         """Drones at (x, y, z), the rest out of the way."""
         spare = [(0.2 + 0.5 * n, 0.2, 0.0) for n in range(3 - len(places))]
         all_of_them = [*places, *spare]
         groups = [*(drone(z, **body) for _, _, z in all_of_them), drone(kind="free")]
-        self.state.clear()
         positions = np.array([*((x, y) for x, y, _ in all_of_them), floor])
-        self.swarm.begin(groups, positions, np.full(4, heading), np.array(sources), 0)
+        clearance = self.swarm.clearance
+        self.swarm = Swarm(groups, positions, np.full(4, heading), clearance, np.array(sources), 0)
         self.tick = 0
         self.fly()
 
@@ -66,7 +61,15 @@ class Flight(Driver):
         goals[0] = goal
         headings = np.full(4, NAN)
         headings[0] = heading
-        self._fly(speed * first, turn * first, left * first, climb * first, goals, headings)
+        swarm = self.swarm
+        uploader(
+            swarm.speed_command,
+            swarm.turn_rate_command,
+            swarm.left_command,
+            swarm.climb_command,
+            swarm.goal,
+            swarm.goal_heading,
+        )(speed * first, turn * first, left * first, climb * first, goals, headings)
 
     def at(self, n=0):
         now = self.swarm.snapshot()

@@ -68,7 +68,7 @@ def literal(rows, now, extent, obstacle, lambda_p=0.01, lambda_o=10.0, memory=60
     [({}, nowhere), ({"memory": 5.0, "window": 2.0, "lambda_prior": 0.3}, wall), ({"memory": None}, wall)],
 )
 def test_mean_and_variance_solve_the_normal_equations(stock, extent, keys, obstacle):
-    gas_map = stock.map(MarkovMap, model(**keys), "equations", floor=floor(obstacle, extent, TRIALS))
+    gas_map = stock.map(MarkovMap, model(**keys), floor=floor(obstacle, extent, TRIALS))
     rows = feed(gas_map, stock.robots(2, extent=extent), 24, DT)
     keys = {name.replace("prior", "p"): np.inf if value is None else value for name, value in keys.items()}
     for trial in range(TRIALS):

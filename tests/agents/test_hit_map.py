@@ -94,7 +94,7 @@ def test_what_has_no_room_has_no_way():
     assert free.any()
     assert not free.all()
     assert (length[np.ix_(left, right)] == FAR).all(), "a gap of 0.6 m is too narrow for 0.35 m on both sides"
-    ways.begin(0.2)
+    ways = Ways(ways.clearance, CELL, 0.2)
     assert (ways.length.to_numpy()[np.ix_(left, right)] < FAR).any()
 
 

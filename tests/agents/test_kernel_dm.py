@@ -57,7 +57,7 @@ def literal(rows, shape, cell, sigma=0.25, sigma_omega=5.0, memory=np.inf, gamma
     ids=["DM+V", "TD", "W", "TD and W"],
 )
 def test_mean_variance_and_confidence_are_the_papers(stock, keys):
-    gas_map = stock.map(KernelMap, model(cell=0.2, sigma=0.15, **keys), "papers")
+    gas_map = stock.map(KernelMap, model(cell=0.2, sigma=0.15, **keys))
     rows = feed(gas_map, stock.robots(3), 40, DT)
     keys = {("gamma" if name == "wind_stretch" else name): value for name, value in keys.items()}
     assert gas_map.estimate().shape == (TRIALS, 10, 8)
@@ -74,7 +74,7 @@ def test_mean_variance_and_confidence_are_the_papers(stock, keys):
 def test_readings_that_are_not_kept_have_the_deviation_of_their_last_tick(stock, memory, exact):
     """The definition in float64, with the deviations that readings had when they became older than the latest."""
     keys = {} if memory == np.inf else {"memory": memory}
-    gas_map = stock.map(KernelMap, model(cell=0.2, exact=exact, **keys), exact, floor=ONE)
+    gas_map = stock.map(KernelMap, model(cell=0.2, exact=exact, **keys), ONE)
     robots = stock.robots(4, trials=1)
     rows, frozen = np.empty((0, 7)), []
 

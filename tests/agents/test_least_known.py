@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from arena import TICK, Run, Script
-from begun import assert_plain
 from numpy.testing import assert_array_equal
+from saved import assert_plain
 
 from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import uploader

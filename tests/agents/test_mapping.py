@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from begun import assert_begins_anew, assert_plain
 from pydantic import TypeAdapter
 from readers import COUNT, EXTENT, Stock, same
+from saved import assert_goes_on, assert_plain
 
 from taichi_plume.agents.gas_map import Floor
 from taichi_plume.agents.mapping import KINDS, mappers
@@ -44,7 +44,7 @@ def made(stock):
 
     def make(keys, trials=1):
         floor = Floor(EXTENT, trials, COUNT + 1, DT)
-        return stock.map(KINDS[keys["kind"]], model(keys), *keys.values(), floor=floor)
+        return stock.map(KINDS[keys["kind"]], model(keys), floor)
 
     return make
 
@@ -141,23 +141,18 @@ def test_trials_do_not_see_each_other(stock, made, keys):
         same(a[1], b[0], 1e-6)
 
 
-@pytest.mark.parametrize(("keys", "others"), OF_EACH, ids=lambda keys: " ".join(map(str, keys.values())))
-def test_a_map_begins_anew(stock, made, keys, others):
+@every_kind
+def test_a_map_goes_on_from_a_saved_state(stock, made, keys):
     gas_map, robots = made(keys), stock.robots(1, trials=1)
-    gas = [1.0]
-
-    def begin(numbers):
-        gas[0] = numbers[0]  # snaps have no numbers of their own
-        gas_map.begin(model(numbers[1]))
 
     def play(first, last):
         for tick in range(first * WINDOW // 2 + 1, last * WINDOW // 2 + 1):
             rng = np.random.default_rng(tick)
-            readings = gas[0] * rng.exponential(20.0, 3)
+            readings = rng.exponential(20.0, 3)
             show(gas_map, robots, rng.uniform(0, EXTENT, (3, 2)), readings, range(tick, tick + 1))
         return *layers(gas_map), np.array([error for _, error in gas_map.errors])
 
-    assert_begins_anew(gas_map, begin, (1.0, keys), (2.0, keys | others), play)
+    assert_goes_on(gas_map, play)
 
 
 def test_maps_go_on_from_the_middle_of_a_snap(stock):

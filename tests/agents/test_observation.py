@@ -79,15 +79,9 @@ class Learner:
         return [dict(zip(self.seen.names, map(float, row), strict=True)) for row in self.table]
 
 
-@pytest.fixture(scope="module")
-def learner(taichi):
-    return Learner(observe=ALL, memory=(1.0, 5.0), history=2, step=STEP, declares=True)
-
-
 @pytest.fixture
-def fresh(learner):
-    swarm = learner.swarm
-    swarm.begin([one.model for one in swarm.groups], PLACES, HEADINGS, np.array([[1.0, 1.5]]), 0)
+def fresh(taichi):
+    learner = Learner(observe=ALL, memory=(1.0, 5.0), history=2, step=STEP, declares=True)
     learner.forget()
     return learner
 

@@ -301,7 +301,6 @@ class Courier:
         self.goal = [float(v) for v in goal]
         members = Members(self.swarm, [0])
         parameters = Parameters(members, lambda group: Potential.numbers(self.swarm, group, None, 0.3))
-        parameters.begin()
         self.potential = Potential(members, parameters)
 
     @ti.kernel
@@ -325,7 +324,6 @@ class Speaker:
     def __init__(self, swarm):
         members = Members(swarm, [0])
         parameters = Parameters(members, Radio.numbers, radio="radio")
-        parameters.begin()
         self.radio = Radio(members, parameters)
 
     @ti.kernel

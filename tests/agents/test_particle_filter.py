@@ -143,9 +143,10 @@ def test_resampling_is_systematic_and_unbiased(run):
 
 def test_filters_of_robots_are_their_own(run):
     """Alike robots draw other particles; the same run draws the same."""
-    reported, seen = Told(run), []
+    seen = []
     for _ in range(2):
         run.begin(MODEL)
+        reported = Told(run)
         reported.update(10, 1)
         reported.update(20, 1)
         seen.append(reported.algorithm.particle.to_numpy())

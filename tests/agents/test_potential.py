@@ -47,7 +47,6 @@ class Couriers:
         self.swarm = Swarm(groups, where, headings, arena, NOWHERE, 1, rivals=True)
         members = Members(self.swarm, range(len(groups)))
         parameters = Parameters(members, lambda group: Potential.numbers(self.swarm, group, None, AVOIDANCE))
-        parameters.begin()
         self.potential = Potential(members, parameters)
         self.goals = ti.vector_field(2, ti.f32, members.size)
         goals = np.concatenate(

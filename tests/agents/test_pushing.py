@@ -104,7 +104,7 @@ def test_a_second_encounter_counts_again(pushed):
     pushed.put([to_and_fro, IDLE], ((1.0, 1.5), (3.0, 2.5)))
     assert pushed.go(40)["pushes"][0] == 1
     assert pushed.go(1)["pushes"][0] == 1
-    pushed._put(np.where(np.arange(8) == 0, -0.05, 0.0), 0.0)  # comes back into the way
+    pushed.command(np.where(np.arange(8) == 0, -0.05, 0.0), 0.0)  # comes back into the way
     for _ in range(25):
         now = pushed.move()
     assert now["pushes"][0] == 2
@@ -163,8 +163,8 @@ def test_pushes_are_the_same_to_the_bit_after_a_restart(pushed):
 
 
 def test_robots_put_from_outside_stay_and_count_the_time_inside(pushed):
-    put = uploader(pushed.swarm.placed, pushed.swarm.ordered_position, pushed.swarm.ordered_heading)
     pushed.put([walker((0.5, 1.5), (3.0, 3.5, 1.5)), IDLE], ((1.5, 1.5), (3.0, 2.5)))
+    put = uploader(pushed.swarm.placed, pushed.swarm.ordered_position, pushed.swarm.ordered_heading)
     places = np.array([*((1.5, 1.5), (3.0, 2.5)), *[(3.0, 0.2), (3.5, 0.2)] * 3], np.float32)
     put(np.ones(8), places, 0.0)
     now = pushed.move(40)

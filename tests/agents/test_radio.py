@@ -10,7 +10,6 @@ from taichi_plume.agents.radio import NEVER, Radio
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.engine import ti
 from taichi_plume.grid.clearance import ClearanceMap
-from taichi_plume.grid.state import State
 from taichi_plume.grid.transfer import uploader
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -34,17 +33,8 @@ class Talk:
         self.count = len(self.places)
         self.swarm = Swarm(groups, self.places, np.zeros(self.count), arena, NOWHERE, 5, rivals=True)
         members = Members(self.swarm, range(len(groups)))
-        parameters = Parameters(members, Radio.numbers, radio="radio")
-        parameters.begin()
-        self.radio = Radio(members, parameters)
-        self.state = State(self.radio)
+        self.radio = Radio(members, Parameters(members, Radio.numbers, radio="radio"))
         self.move = uploader(self.swarm.position)
-        self.begin()
-
-    def begin(self):
-        """Nobody has heard anything."""
-        self.state.clear()
-        self.move(self.places)
         self.forget(0, self.count)
 
     @ti.kernel
@@ -69,7 +59,7 @@ class Talk:
         return self.radio.time.to_numpy() != NEVER
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def everywhere(taichi):
     """Four robots whose messages reach all."""
     return Talk({"range": None})
@@ -84,7 +74,6 @@ def test_messages_go_as_far_as_the_range():
 
 def test_a_message_tells_value_place_sender_and_time(everywhere):
     talk = everywhere
-    talk.begin()
     talk.round([2], tick=7)
     radio = talk.radio
     assert radio.value.to_numpy()[0].tolist() == [0, 0, 2, 0]
@@ -95,7 +84,6 @@ def test_a_message_tells_value_place_sender_and_time(everywhere):
 
 def test_the_last_message_stays_until_the_next(everywhere):
     talk = everywhere
-    talk.begin()
     talk.round([1], tick=1, more=0.5)
     assert (talk.round([], tick=2)[:, 1] == [True, False, True, True]).all()
     assert talk.radio.value.to_numpy()[0, 1] == 1.5
@@ -136,7 +124,6 @@ def test_a_trial_alone_loses_the_same_messages():
 
 def test_what_is_forgotten_is_not_known(everywhere):
     talk = everywhere
-    talk.begin()
     talk.round(range(4))
     talk.forget(2, 3)
     assert talk.heard().sum(axis=1).tolist() == [3, 3, 0, 3]

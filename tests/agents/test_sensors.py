@@ -60,11 +60,8 @@ class Lab:
     ):
         self.air, self.counts, self.trials, self.first_trial = air, counts, trials or {}, first_trial or {}
         size = sum(count * self.trials.get(name, 1) for name, count in counts.items())
-        self.places = np.ones((size, 2)), np.zeros(size), NOWHERE
-        self.swarm = Swarm(self._groups({}, {}), *self.places[:2], Floor(), self.places[2], 5)
-        self.sensors = Sensors(self.swarm, air.dim, TICK, air.species)
-        self.states = State(self.swarm), State(self.sensors)
-        self.tick = 0
+        self.places = np.ones((size, 2)), np.zeros(size)
+        self.fit()
 
     def _groups(self, gas: dict[str, GasSensor], wind: dict[str, Anemometer]):
         """Unless given, with a cubic calibration and a wind that is not compensated: both are compiled."""
@@ -78,11 +75,10 @@ class Lab:
         return groups
 
     def fit(self, wind: dict[str, Anemometer] | None = None, seed=5, **gas: GasSensor):
-        """Begin anew with these sensors, in clean and still air."""
-        for state in self.states:
-            state.clear()
-        self.swarm.begin(self._groups(gas, wind or {}), *self.places, seed)
-        self.sensors.begin()
+        """Make robots with these sensors, in clean and still air."""
+        self.swarm = Swarm(self._groups(gas, wind or {}), *self.places, Floor(), NOWHERE, seed)
+        self.sensors = Sensors(self.swarm, self.air.dim, TICK, self.air.species)
+        self.states = State(self.swarm), State(self.sensors)
         self.air.level[None], self.air.slope[None], self.air.u[None] = 0.0, 0.0, [0.0] * self.air.dim
         self.tick = 0
 

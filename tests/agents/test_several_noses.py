@@ -105,7 +105,7 @@ def test_a_second_nose_leaves_the_first_as_it_is_alone(air):
     assert abs(np.corrcoef(np.diff(runs[1][:, 0, 0]), np.diff(runs[1][:, 2, 0]))[0, 1]) < 0.95
 
 
-def test_all_noses_are_saved_and_begin_anew(stereo, air):
+def test_all_noses_are_saved(stereo, air):
     swarm, sensors = stereo
     states = State(swarm), State(sensors)
 
@@ -114,21 +114,12 @@ def test_all_noses_are_saved_and_begin_anew(stereo, air):
             sensors.measure(air, air, tick, TICK * tick)
         return swarm.snapshot()["reading_2_ppm"]
 
-    def begin():
-        for state in states:
-            state.clear()
-        swarm.begin([one.model for one in swarm.groups], PLACES, HEADINGS, NOWHERE, 7)
-        sensors.begin()
-
-    begin()
     go_on(1, 5)
     saved = [state.save() for state in states]
     then = go_on(5, 9)
     for state, what in zip(states, saved, strict=True):
         state.restore(what)
     np.testing.assert_array_equal(go_on(5, 9), then)
-    begin()
-    np.testing.assert_array_equal(go_on(1, 9), then)
 
 
 def test_a_policy_can_observe_all_noses():

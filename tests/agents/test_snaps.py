@@ -23,8 +23,8 @@ def stock(taichi):
     return Stock()
 
 
-@pytest.fixture(scope="module")
-def of_alphas(stock):
+@pytest.fixture
+def of_alphas(taichi):
     """Maps that differ in alpha alone, and share their snaps."""
     return mappers([map_models.TimeSeriesMap(kind="time_series", alpha=alpha) for alpha in ALPHAS], FLOOR)
 
@@ -69,7 +69,6 @@ def forecast(snaps, now, trial, alpha, beta, time_scale=0.1):
 def test_time_series_map_is_eq_1_to_8(stock, of_alphas, pause):
     """45 s; with the pause, snaps 5 and 6 have no samples."""
     for one in of_alphas:
-        stock.renew(one)
         assert np.isnan(one.estimate()).all()
     snaps = run(of_alphas, stock.robots(4), 45.0, pause)
     for alpha, gas_map in zip(ALPHAS, of_alphas, strict=True):
@@ -134,7 +133,6 @@ def test_maps_that_share_snaps_are_what_they_are_alone(stock):
 def test_nothing_is_known_right_after_an_empty_snap_when_the_neighbourhood_is_short(stock, of_alphas):
     """alpha = 0.4 reaches one snap back: unknown, not zero."""
     gas_map = of_alphas[0]
-    stock.renew(gas_map)
     robots = stock.robots(1)
     robots.wander()
     gas_map.update(robots, 5.0, DT)

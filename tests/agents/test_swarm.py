@@ -8,6 +8,7 @@ from taichi_plume.agents.columns import COLUMNS, Rows
 from taichi_plume.agents.placement import place, placed
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.engine.program import compiled
+from taichi_plume.grid.state import State
 from taichi_plume.scenario.obstacles import Cylinder
 from taichi_plume.scenario.robots import Body
 
@@ -177,9 +178,10 @@ def test_a_swarm_goes_on_from_what_was_saved(three):
     put(three, [[1.0, 1.0], [3.5, 1.1]], [0.3, 0.0], max_acceleration=0.3)
     three.command([0.4, 0.3, 0.1], [0.2, -0.1, 0.0])
     three.move(10)
-    saved = three.state.save()
+    state = State(three.swarm)
+    saved = state.save()
     then = three.move(10)
-    three.state.restore(saved)
+    state.restore(saved)
     three.tick = 10
     for name, values in three.move(10).items():
         np.testing.assert_array_equal(values, then[name], err_msg=name)

@@ -16,15 +16,11 @@ class Together:
     """Tells what it has been given."""
 
     PER_GROUP = False
-    STATE = ("begun",)
+    STATE = ()
     STATE_NAMES = ("A", "B")
 
     def __init__(self, swarm, members, tick):
-        self.members, self.begun = members, 0
-        self.begin()
-
-    def begin(self):
-        self.begun += 1
+        self.members = members
 
     def act(self, tick, t, dt):
         pass
@@ -73,33 +69,23 @@ def test_groups_of_a_kind_have_one_algorithm_unless_it_wants_them_apart(monkeypa
     assert isinstance(together, Together)
     assert together.members.robot.to_numpy().tolist() == [*range(4), *range(8, 12)]
     assert together.members.number.to_numpy().tolist() == [*range(4), *range(4)]
-    made[0].begin()
-    assert together.begun == 2
 
 
-def test_own_algorithms_begin_anew_with_other_parameters():
+def test_own_algorithms_have_their_parameters():
     own = Own(kind="own")
-    swarm = swarm_of(own, own)
-    made = teams(swarm, 0.1, own={"group 0": Mine, "group 1": Mine})
-    assert [one.numbers for one in made] == [(0,), (1,)]
 
     def drive(pace):
-        models = [own.model_copy(update={"parameters": {"pace": pace}}), own]
-        groups = [
-            one.model.model_copy(update={"algorithm": model})
-            for one, model in zip(swarm.groups, models, strict=True)
-        ]
-        driver.begin(groups, swarm.start, np.zeros(8))
-        for one in made:
-            one.begin()
+        swarm = swarm_of(own.model_copy(update={"parameters": {"pace": pace}}), own)
+        made = teams(swarm, 0.1, own={"group 0": Mine, "group 1": Mine})
+        assert [one.numbers for one in made] == [(0,), (1,)]
+        driver = Driver(swarm)
         for tick in range(1, 4):
             for one in made:
                 one.act(tick, 0.1 * tick, 0.1)
             driver.move()
         return swarm.speed_command.to_numpy(), swarm.turn_rate_command.to_numpy()
 
-    driver = Driver(swarm)
-    for pace in (0.2, 0.3, 0.2):
+    for pace in (0.2, 0.3):
         speed, turn_rate = drive(pace)
         assert speed == pytest.approx([3 * pace] * 4 + [0.3] * 4)
         assert turn_rate == pytest.approx([0, 0.1, 1, 1.1] * 2)

@@ -8,7 +8,6 @@ import numpy as np
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Gas
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.state import State
 from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
@@ -41,15 +40,6 @@ def air_in(grid: Grid, solid: np.ndarray | None = None) -> Air:
 
 def flow_in(grid: Grid, wind: CfdWind, solid: np.ndarray | None = None, **parts: Any) -> FlowSolver:
     return FlowSolver(wind, grid, air_in(grid, solid), **parts)
-
-
-def afresh(part: Any, model: Any, t: float = 0.0, seed: int = 0) -> Any:
-    """The component at the start of a run with the numbers of a model."""
-    if "cleared" not in vars(part):  # kept: on a GPU it compiles
-        part.cleared = State(part)
-    part.cleared.clear()
-    part.begin(model, t, seed)
-    return part
 
 
 def march(which: int | tuple[int, int], dt: float, *parts: Any) -> None:

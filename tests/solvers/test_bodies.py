@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rooms import LAMINAR, afresh, cfd, flow_in, march
+from rooms import LAMINAR, cfd, flow_in, march
 
 from taichi_plume.engine import ti
 from taichi_plume.grid.grid import Grid
@@ -42,17 +42,9 @@ def moving(path: list, **outline) -> Callable[..., MovingObstacle]:
     return partial(MovingObstacle, walker(path, **outline))
 
 
-@pytest.fixture(scope="module")
-def walked(taichi) -> Callable[..., FlowSolver]:
+def walked(path: list, **outline) -> FlowSolver:
     """Still air with one body that moves along a path."""
-    flow = still_air(bodies=[moving([[1.0, 0.8, 1.0]])], **LAMINAR)
-
-    def begun(path: list, **outline) -> FlowSolver:
-        afresh(flow, cfd(ENDS, **LAMINAR))
-        flow.resistances[0].begin(walker(path, **outline))
-        return flow
-
-    return begun
+    return still_air(bodies=[moving(path, **outline)], **LAMINAR)
 
 
 def faces(grid: Grid, d: int) -> np.ndarray:
@@ -61,7 +53,7 @@ def faces(grid: Grid, d: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("outline", [{}, {"kind": "box", "size": [0.3, 0.4], "yaw_deg": 30}])
-def test_the_air_inside_moves_with_the_body(walked, outline):
+def test_the_air_inside_moves_with_the_body(outline):
     flow = walked([[2.0, 2.0, 1.4]], **outline)  # (0.6, 0.2) m/s
     advance(flow, 1.0)
     for d, speed in enumerate((0.6, 0.2)):
@@ -119,24 +111,20 @@ def test_at_rest_it_has_the_wake_of_an_obstacle_of_cells():
 def distances(taichi):
     """Distances [m] of points from a body: one solver for balls, one for all others."""
     grid = Grid((10, 8, 8), 0.1)
-    some = {
-        ball: walker([[1, 0.6, 0.4]], kind="sphere" if ball else "cylinder", **MIDDLE[ball])
-        for ball in (0, 1)
-    }
-    bodies = [MovingObstacle(some[ball], grid, ()) for ball in (0, 1)]
 
     @ti.kernel
-    def measure(ball: int, points: ti.types.ndarray(), out: ti.types.ndarray()):
+    def measure(
+        body: ti.template(), points: ti.types.ndarray(ti.f32, ndim=2), out: ti.types.ndarray(ti.f32, ndim=1)
+    ):
         for n in range(out.shape[0]):
             x = ti.Vector([points[n, 0], points[n, 1], points[n, 2]])
-            out[n] = bodies[1].distance(x, 0) if ball == 1 else bodies[0].distance(x, 0)
+            out[n] = body.distance(x, 0)
 
     def of(model, points: np.ndarray) -> np.ndarray:
-        ball = int(model.kind == "sphere")
-        bodies[ball].begin(model)
-        bodies[ball].advance(-1.0, 0.1)
+        body = MovingObstacle(model, grid, ())
+        body.advance(-1.0, 0.1)
         out = np.empty(len(points), np.float32)
-        measure(ball, points, out)
+        measure(body, points.astype(np.float32), out)
         return out
 
     return of
@@ -228,7 +216,7 @@ def test_it_keeps_to_its_way_points():
     assert [loop.motion.place(loop.center, t)[0] for t in times] == [1.5, 1, 1.5, 1.5, 1.5, 1.5]
 
 
-def test_a_fast_body_shortens_the_steps_before_it_moves(walked):
+def test_a_fast_body_shortens_the_steps_before_it_moves():
     flow = walked([[3.0, 0.8, 1.0], [4.0, 2.8, 1.0]])
     (body,) = flow.resistances
     assert body.fastest(0.0) == 0.0

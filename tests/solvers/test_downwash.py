@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from rooms import LAMINAR, afresh, cfd, flow_in
+from rooms import LAMINAR, cfd, flow_in
 
 from taichi_plume.engine import ti
 from taichi_plume.grid.grid import Grid
@@ -28,19 +28,14 @@ class Hover:
         self.put = uploader(self.place, self.heading, self.altitude, self.push)
         self.grid = Grid(SHAPE, DX, periodic=periodic)
         self.model = wind
-        made = []
-
-        def make(open):
-            flight = self.place, self.heading, self.altitude, self.push
-            made.append(Downwash(BODY, self.grid, *flight, 0, count, open))
-            return made[-1]
-
-        self.flow = flow_in(self.grid, self.model, resistances=[make])
-        (self.downwash,) = made
 
     def begin(self, places, altitudes, headings=(0.0, 0.0), push=((0, 0, 0), (0, 0, 0)), **body):
-        afresh(self.flow, self.model)
-        self.downwash.begin(BODY.model_copy(update=body))
+        def make(open):
+            flight = self.place, self.heading, self.altitude, self.push
+            return Downwash(BODY.model_copy(update=body), self.grid, *flight, 0, 2, open)
+
+        self.flow = flow_in(self.grid, self.model, resistances=[make])
+        (self.downwash,) = self.flow.resistances
         self.put(np.array(places, float), headings, altitudes, np.array(push, float))
 
     def momentum(self):

@@ -78,9 +78,7 @@ def test_the_surface_is_where_heat_and_vapour_balance():
 
 
 def begun(source, wind=None) -> Emission:
-    emission = Emission("a", wind)
-    emission.begin(source, 0.0, 0, ETHANOL)
-    return emission
+    return Emission("a", source, 0.0, 0, ETHANOL, wind)
 
 
 def test_an_emission_follows_the_wind_over_the_dish():

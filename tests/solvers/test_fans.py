@@ -2,7 +2,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from rooms import afresh, cfd, flow_in
+from rooms import cfd, flow_in
 
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.winds import CfdWind
@@ -27,12 +27,11 @@ def model(curve: dict, loss: float, **more) -> CfdWind:
 def duct(taichi) -> Callable[..., FlowSolver]:
     """A duct of 2 m whose fan begins with a curve and a resistance."""
     grid = Grid((40, 8), 0.05, depth=DEPTH)
-    flow = flow_in(grid, model({"pressure": 1.0, "flow": 1.0}, 1.0))
 
-    def begun(curve: dict, loss: float, **more) -> FlowSolver:
-        return afresh(flow, model(curve, loss, **more))
+    def made(curve: dict, loss: float, **more) -> FlowSolver:
+        return flow_in(grid, model(curve, loss, **more))
 
-    return begun
+    return made
 
 
 def flow_rate(flow: FlowSolver) -> float:

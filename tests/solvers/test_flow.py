@@ -2,9 +2,9 @@ from functools import partial
 
 import numpy as np
 import pytest
-from rooms import TUNNEL, afresh, assert_same, blocks, cfd, flow_in, march
+from rooms import TUNNEL, assert_same, blocks, cfd, flow_in
 
-from taichi_plume.engine.program import compiled, ensure_started
+from taichi_plume.engine.program import compiled
 from taichi_plume.grid.cut_cells import air_of
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.shapes import Ball
@@ -56,9 +56,9 @@ def test_the_step_is_as_long_as_the_most_limiting_cell_allows(turbulence):
 def test_a_resistant_outlet_evens_out_the_outflow(taichi):
     """The larger the loss coefficient, the more uniform the flow through the honeycomb."""
     spread = []
-    flow = flow_in(Grid(ARENA, 4.0 / 60, depth=4.0 / 60), wind(), SOLID)
+    grid = Grid(ARENA, 4.0 / 60, depth=4.0 / 60)
     for loss in (0.0, 20.0):
-        afresh(flow, wind(openings=[INLET, OUTLET | {"loss_coefficient": loss}]))
+        flow = flow_in(grid, wind(openings=[INLET, OUTLET | {"loss_coefficient": loss}]), SOLID)
         advance(flow, 4.0)
         g = flow.grid.ghost
         spread.append(flow._read_velocity()[0][g + 60, g : g + 45].std())
@@ -143,65 +143,37 @@ OTHERS = {
 }  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def fresh(taichi) -> list[np.ndarray]:
-    """Results of a new solver, which is gone then: the next one finds the kernels in the cache."""
-    flow = made(busy(**OTHERS), walker(-0.3, 0.13), 4, 0.2)
-    found(flow, 0.0)
-    results = found(flow, 0.04)
-    del flow
-    ensure_started()
-    return results
-
-
-@pytest.fixture(scope="module")
-def old(fresh) -> FlowSolver:
+def test_faces_within_obstacles_hold_still(taichi):
     flow = made(busy(), walker(0.4), 3)
     found(flow, 0.0)
-    return flow
-
-
-def test_faces_within_obstacles_hold_still(old):
-    afresh(old, busy(), seed=3)
-    found(old, 0.0)
-    for u, area in zip(old.u, old._area, strict=True):
-        shut = old.grid.inner(area) == 0.0
+    for u, area in zip(flow.u, flow._area, strict=True):
+        shut = flow.grid.inner(area) == 0.0
         assert shut.sum() > 10
-        np.testing.assert_array_equal(old.grid.read(u)[shut], 0.0)
+        np.testing.assert_array_equal(flow.grid.read(u)[shut], 0.0)
 
 
-def test_another_begin_is_as_good_as_a_new_solver_and_compiles_nothing(old, fresh):
-    model, obstacle = busy(**OTHERS), walker(-0.3, 0.13)
-    state = State(old)
-    state.clear()
+def test_other_numbers_compile_nothing(taichi):
+    found(made(busy(), walker(0.4), 3), 0.0)
     before = compiled()
-    old.weighing[0].weight = 0.2
-    old.begin(model, 0.0, 4)
-    (body,) = (one for one in old.resistances if isinstance(one, MovingObstacle))
-    body.begin(obstacle)
-    march(4, 0.01, old)
+    found(made(busy(**OTHERS), walker(-0.3, 0.13), 4, 0.2), 0.0)
     assert compiled() == before
-    assert_same(found(old, 0.04), fresh)
 
 
 @pytest.mark.parametrize("name", OTHERS)
-def test_each_number_counts(old, name):
-    results = []
-    for model in (busy(), busy(**{name: OTHERS[name]})):
-        afresh(old, model, seed=3)
-        results.append(found(old, 0.0))
+def test_each_number_counts(taichi, name):
+    results = [found(made(model, walker(0.4), 3), 0.0) for model in (busy(), busy(**{name: OTHERS[name]}))]
     assert any(not np.array_equal(a, b) for a, b in zip(*results, strict=True))
 
 
-def test_a_saved_flow_goes_on_to_the_bit(old):
-    state = State(old)
-    afresh(old, busy(), seed=3)
-    found(old, 0.0)
+def test_a_saved_flow_goes_on_to_the_bit(taichi):
+    flow = made(busy(), walker(0.4), 3)
+    state = State(flow)
+    found(flow, 0.0)
     saved = state.save()
-    wanted = found(old, 0.04)
-    found(old, 0.08)
+    wanted = found(flow, 0.04)
+    found(flow, 0.08)
     state.restore(saved)
-    assert_same(found(old, 0.04), wanted)
+    assert_same(found(flow, 0.04), wanted)
 
 
 @pytest.mark.slow

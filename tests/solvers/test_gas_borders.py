@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rooms import afresh, blocks, cfd, eulerian, march
+from rooms import blocks, cfd, eulerian, march
 from scipy.optimize import brentq
 
 from taichi_plume.grid.cut_cells import Air
@@ -33,10 +33,13 @@ class Duct:
     def __init__(self, convection: str):
         self.grid, self.convection = Grid((24, 6), 0.05, depth=0.4), convection
         ends = [{"kind": "inlet", "face": "x-", "speed": 0.5}, {"kind": "outlet", "face": "x+"}]
+        self.openings = cfd(ends).openings
+
+    def gas(self, concentration: float, until: float) -> EulerianSolver:
         wind = PrescribedWind(lambda x: np.broadcast_to((0.5, 0.0), x.shape), self.grid)
         air = Air.everywhere(self.grid)
-        self.gas = EulerianSolver(self.model(1.0, 7.0), self.grid, wind, air, openings=cfd(ends).openings)
-        self.state = State(self.gas)
+        model = self.model(concentration, until)
+        return EulerianSolver(model, self.grid, wind, air, openings=self.openings)
 
     def model(self, concentration: float, until: float) -> EulerianGas:
         steps = [{"at": until, "concentration": "0 ppm"}]
@@ -48,8 +51,7 @@ class Duct:
 @pytest.mark.parametrize("convection", ["koren", "weno5"])
 def test_air_comes_in_with_what_it_carries(taichi, convection):
     duct = Duct(convection)
-    gas, state = duct.gas, duct.state
-    afresh(gas, duct.model(20.0, 5.0))
+    gas = duct.gas(20.0, 5.0)
     area = 0.3 * 0.4
     march(50, 0.1, gas)
     np.testing.assert_allclose(gas.cells(5.0), 20.0 * PER_PPM, rtol=1e-5)  # nothing of the air at the outlet
@@ -57,14 +59,13 @@ def test_air_comes_in_with_what_it_carries(taichi, convection):
     budget = gas.budget()
     assert budget["inflow_kg"] == pytest.approx(brought, rel=1e-5)
     assert budget["in_domain_kg"] + budget["outflow_kg"] == pytest.approx(budget["inflow_kg"], rel=1e-6)
-    saved = state.save()
+    saved = State(gas).save()
     march((50, 90), 0.1, gas)
     late = gas.cells(9.0)
     assert late.max() < 1e-3 * 20.0 * PER_PPM
     assert gas.budget()["inflow_kg"] == pytest.approx(brought, rel=1e-5)
-    gas.begin(duct.model(3.0, 100.0), 0.0, 0)  # a run that is resumed goes on with what is due
-    gas.begin(duct.model(20.0, 5.0), 0.0, 0)
-    state.restore(saved)
+    gas = duct.gas(20.0, 5.0)  # a run that is resumed goes on with what is due
+    State(gas).restore(saved)
     march((50, 90), 0.1, gas)
     np.testing.assert_array_equal(gas.cells(9.0), late)
 
@@ -75,9 +76,6 @@ class Box:
     def __init__(self):
         self.grid = Grid((40, 3), 0.025, depth=0.5)
         self.length, self.area = 1.0, 3 * 0.025 * 0.5
-        model = self.model(1e-3, {"uptake": 0.1}, {"uptake": 0.2, "transfer": 0.1})
-        wind = PrescribedWind(np.zeros_like, self.grid)
-        self.gas = EulerianSolver(model, self.grid, wind, Air.everywhere(self.grid))
         self.x = self.grid.centers()[:, 0, 0]
 
     def model(self, diffusivity: float, left: dict, right: dict) -> EulerianGas:
@@ -86,7 +84,8 @@ class Box:
 
     def after(self, end: float, *model, start=np.zeros_like) -> np.ndarray:
         """Concentration [kg/m³] along the box."""
-        afresh(self.gas, self.model(*model))
+        wind = PrescribedWind(np.zeros_like, self.grid)
+        self.gas = EulerianSolver(self.model(*model), self.grid, wind, Air.everywhere(self.grid))
         self.gas.start_from(lambda x: start(x[..., 0]))
         held = self.gas.budget()["in_domain_kg"]
         for _ in range(50):

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from begun import Kept
 from rooms import air_in, eulerian
 from scipy import integrate
 from scipy.special import k0e
@@ -43,19 +42,12 @@ def model_of(kind, diffusivity: Any = D, walls=(), **keys):
 
 @pytest.fixture(scope="module")
 def air_with(taichi):
-    """A wind and a gas in it; one for all that compile alike."""
-    kept, kinds = Kept(), {"continuous": ContinuousPuffs, "gaussian_puff": GaussianPuffs}
+    """A wind and a gas in it."""
+    kinds = {"continuous": ContinuousPuffs, "gaussian_puff": GaussianPuffs}
 
     def make(velocity, gas, **keys):
-        def new():
-            grid, wind = calm(velocity, **keys)
-            return SimpleNamespace(STATE=("wind", "gas"), wind=wind, gas=kinds[gas.kind](gas, grid, wind))
-
-        def begin(air):
-            air.wind.begin(wind_of(velocity, **keys), 0.0, 5)
-            air.gas.begin(gas, 0.0, 0)
-
-        return kept((gas.kind, len(velocity), gas.walls, tuple(keys)), new, begin)
+        grid, wind = calm(velocity, **keys)
+        return SimpleNamespace(wind=wind, gas=kinds[gas.kind](gas, grid, wind))
 
     return make
 

@@ -4,7 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from begun import Kept
 from rooms import divergence, largest_outflow
 from test_film import DX, SHAPE, new_film
 
@@ -96,10 +95,8 @@ def test_wind_and_gas_are_those_that_were_recorded(live):
 
 
 def test_at_the_time_of_a_frame_it_is_that_frame_however_the_time_was_reckoned(live):
-    wind = played(live).wind
-    assert isinstance(wind, PlayedWind)
     for t in (0.3, np.nextafter(0.3, 0.0), np.nextafter(0.3, 1.0), 0.1 + 0.2):
-        wind.begin(wind.film.model, 0.0, 0)  # pyright: ignore[reportArgumentType]
+        wind = played(live).wind
         wind.advance(0.0, float(t))
         np.testing.assert_array_equal(velocity_at(wind, POINTS, 0.0), live.seen[3][0])
 
@@ -147,11 +144,10 @@ def noise(taichi, tmp_path_factory):
     """Frames without sense, the film of them, its grid, and a wind that plays it from some time on."""
     folder = tmp_path_factory.mktemp("noise")
     frames = new_film(folder / "fields.zarr")
-    film, grid, kept = Film(folder / "fields.zarr"), Grid(SHAPE, DX), Kept()
+    film, grid = Film(folder / "fields.zarr"), Grid(SHAPE, DX)
 
     def wind(t: float, **keys) -> PlayedWind:
-        model = model_of(**keys)
-        return kept(0, lambda: PlayedWind(model, film, grid, t), lambda one: one.begin(model, t, 0))
+        return PlayedWind(model_of(**keys), film, grid, t)
 
     return SimpleNamespace(frames=frames, film=film, grid=grid, wind=wind)
 

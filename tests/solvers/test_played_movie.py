@@ -44,7 +44,7 @@ def simulation(folder):
 def test_cells_hold_the_means_of_their_pixels(simulation):
     centres = np.stack(np.meshgrid(np.arange(5), np.arange(4), indexing="ij"), -1).reshape(-1, 2)
     wanted = [cell_mean(PICTURES[0], 0.25 * cell, 0.25, 0.1, (0.15, 0.1)) for cell in centres]
-    simulation.gas.gases[0].begin(simulation.scenario.gas, 0.0, 0)
+    simulation.reset()
     found = ppm_at(simulation.gas, 0.25 * (centres + 0.5), 0.0)[:, 0]
     np.testing.assert_allclose(found, 40 * np.array(wanted), rtol=0.02, atol=0.1)
 

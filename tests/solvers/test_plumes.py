@@ -1,10 +1,7 @@
 """Plumes across the wind: how much passes, where, and how wide."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
-from begun import Kept
 
 from taichi_plume.grid.fields import concentration_at, velocity_at
 from taichi_plume.grid.grid import Grid
@@ -22,25 +19,16 @@ MODELS = {"gaussian_plume": GaussianPlumeGas, "meandering": MeanderingGas}
 
 @pytest.fixture(scope="module")
 def plume(taichi):
-    """A wind and a plume in it; one for all that compile alike."""
-    kept = Kept()
+    """A wind and a plume in it."""
 
     def make(velocity, position, t=0.0, kind="gaussian_plume", gusts=None, **keys):
         wind = UniformWind.model_validate({"kind": "uniform", "velocity": velocity, "gusts": gusts})
         sources = [{"position": position, "rate": Q, "radius": 0.05}]
         gas = MODELS[kind].model_validate({"kind": kind, "sources": sources} | keys)
 
-        def new():
-            grid = Grid((60, 40, 20)[: len(velocity)], 0.1, depth=0.5)
-            flow = UniformSolver(wind, grid, t, 4)
-            return SimpleNamespace(STATE=("wind", "gas"), wind=flow, gas=Plumes(gas, grid, flow, t, 4))
-
-        def begin(air):
-            air.wind.begin(wind, t, 4)
-            air.gas.begin(gas, t, 4)
-
-        air = kept((len(velocity), gas.kind, gas.walls, wind.gusts is None), new, begin)
-        return air.wind, air.gas
+        grid = Grid((60, 40, 20)[: len(velocity)], 0.1, depth=0.5)
+        flow = UniformSolver(wind, grid, t, 4)
+        return flow, Plumes(gas, grid, flow, t, 4)
 
     return make
 

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from begun import Kept
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
@@ -141,8 +140,7 @@ def test_between_scattered_points_nothing_jumps_and_nothing_exceeds():
 def test_frames_hold_until_the_next_one(keys, t, frame):
     known = frames((5, 6, 7, 8))
     model = gas_of(**keys)
-    film = PointFilm(model, known, EXTENT, 1)
-    film.begin(model, 0.0, known.percent[:, None])
+    film = PointFilm(model, known, EXTENT, known.percent[:, None], 0.0)
     assert film.frame_at(t) == frame
 
 
@@ -170,18 +168,13 @@ def puff_by_numpy(
     return np.where(far < 0.1, c[which], 0.0)
 
 
-@pytest.fixture(scope="module")
-def kept(taichi):
-    return Kept()
-
-
 @pytest.mark.parametrize("around", [False, True])
-def test_the_puff_is_the_programs(kept, around):
+def test_the_puff_is_the_programs(around):
     model = PlumeSimPuff(
         kind="plumesim_gaussian", release_point=(0.33, 0.41), full_scale_ppm=50, all_around=around
     )
     extent = (4.0, 3.0)
-    gas = kept("puff", lambda: ProgramPuff(model, extent), lambda one: one.begin(model, 0.0, 0))
+    gas = ProgramPuff(model, extent)
     x = RNG.uniform([0, 0], extent, (3000, 2)).astype(np.float32)
     order = [1, 2, *range(3, 26), *range(20, 26), *range(20, 26)]
     for k in (0, 1, 24, 25, 30, 31):
@@ -209,10 +202,8 @@ def test_the_meander_counts_points_within_its_radius():
     np.testing.assert_allclose(ppm(gas, POINTS), np.minimum(100.0, 100.0 * counts / most), rtol=1e-5)
     assert 0 < (counts > 0).mean() < 1
     place = gas.place
-    gas.begin(model, 0.0, 4)
-    np.testing.assert_array_equal(gas.place, place)
-    gas.begin(model, 0.0, 5)
-    assert not np.array_equal(gas.place, place)
+    np.testing.assert_array_equal(ProgramMeander(model, EXTENT, seed=4).place, place)
+    assert not np.array_equal(ProgramMeander(model, EXTENT, seed=5).place, place)
 
 
 def test_the_meander_has_the_programs_statistics():

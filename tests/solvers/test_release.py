@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from rooms import afresh, blocks, eulerian
+from rooms import blocks, eulerian
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import concentration_at
@@ -24,15 +24,14 @@ class Room:
     def __init__(self):
         self.grid = Grid((16, 12, 10), DX)
         self.air = Air.of(blocks(self.grid.shape, np.s_[8, :, :5]), self.grid)
-        wind = PrescribedWind(np.zeros_like, self.grid)
-        self.gas = EulerianSolver(self.model((0.4, 0.6, 0.5), 0.24), self.grid, wind, self.air)
 
     def model(self, place, radius: float = 0.01) -> EulerianGas:
         return eulerian(place, 1e-3, radius=radius, species={"molar_mass": 0.046, "diffusivity": 0.0})
 
     def released(self, place, span: float = 1.0, **keys) -> np.ndarray:
         """Shares of what a source releases, of the grid's shape."""
-        afresh(self.gas, self.model(place, **keys))
+        wind = PrescribedWind(np.zeros_like, self.grid)
+        self.gas = EulerianSolver(self.model(place, **keys), self.grid, wind, self.air)
         self.gas.advance(0.0, span)
         return self.gas.cells(0.0).astype(float) * self.grid.cell_volume / (1e-3 * span)
 

@@ -76,8 +76,9 @@ def test_air_that_rests_mixes_nothing(taichi):
 
 
 def test_the_particles_ride_the_flow_of_the_run(air):
-    grid, _, wind = air
-    wind.begin(SyntheticWind(kind="synthetic", shortest=0.5, longest=1.4), 0.0, 4)
+    grid, solid, _ = air
+    model = SyntheticWind(kind="synthetic", shortest=0.5, longest=1.4)
+    wind = SyntheticSolver(model, grid, Air.of(solid, grid), 0.0, 4)
     march(3, wind.interval, wind)
     room, t = wind.room, 3 * wind.interval
     x = room.starts(2000, np.random.default_rng(0))
@@ -113,20 +114,20 @@ def test_mirrors_face_each_other(air):
 
 
 def test_measuring_changes_nothing(air):
-    grid, _, wind = air
+    grid, solid, _ = air
     model = SyntheticWind(kind="synthetic", shortest=0.5)
 
     def frames(measure):
-        wind.begin(model, 0.0, 7)
+        wind = SyntheticSolver(model, grid, Air.of(solid, grid), 0.0, 7)
         seen = []
         for n in range(3):
             wind.advance(4.0 * n, 4.0)
             seen += [grid.read(u) for u in wind.u]
             reported = wind.mixing() if measure else {}
-        return seen, reported
+        return seen, reported, wind
 
-    plain, _ = frames(False)
-    measured, reported = frames(True)
+    plain, *_ = frames(False)
+    measured, reported, wind = frames(True)
     assert_same(plain, measured)
     assert reported == wind.mixing()
     assert reported["eddy_diffusivity_m2_per_s"] > 0.0

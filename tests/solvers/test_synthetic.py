@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-from begun import Kept
-from rooms import afresh, blocks, divergence, eulerian, largest_outflow, march, through_faces
+from rooms import blocks, divergence, eulerian, largest_outflow, march, through_faces
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import velocity_at
@@ -20,19 +19,13 @@ SHAPES = [(60, 42), (30, 21, 12)]
 @pytest.fixture(scope="module")
 def room(taichi):
     """3 m x 2.1 m (x 1.2 m), with a box."""
-    kept = Kept()
 
     def make(shape, seed=0, **keys):
         grid = Grid(shape, 3.0 / shape[0])
         solid = blocks(shape, tuple(slice(n // 3, n // 2) for n in shape))
         moving = {"speed": 0.03, "longest": 1.4, "circulation": 0.0075, "circulation_time": 60.0}
         model = SyntheticWind.model_validate({"kind": "synthetic"} | moving | keys)
-        wind = kept(
-            shape,
-            lambda: SyntheticSolver(model, grid, Air.of(solid, grid), 0.0, seed),
-            lambda wind: wind.begin(model, 0.0, seed),
-        )
-        return grid, solid, wind
+        return grid, solid, SyntheticSolver(model, grid, Air.of(solid, grid), 0.0, seed)
 
     return make
 
@@ -220,8 +213,10 @@ def test_well_mixed_gas_stays_well_mixed_and_the_rest_of_it_stays_inside(room, s
     assert budget["in_domain_kg"] == pytest.approx(2e-5, rel=1e-5)
     assert budget["outflow_kg"] == 0.0
     assert np.all(gas.cells(20.0)[solid] == 0.0)
-    room(shape)
-    afresh(gas, eulerian((0.5, 0.5, 0.3)[: grid.dim], 0.0, radius=0.1))
+    _, _, wind = room(shape)
+    gas = EulerianSolver(
+        eulerian((0.5, 0.5, 0.3)[: grid.dim], 0.0, radius=0.1), grid, wind, Air.of(solid, grid)
+    )
     gas.start_from(lambda x: np.where(solid, 0.0, 1.0))
     march(100, 0.2, wind, gas)
     np.testing.assert_allclose(gas.cells(20.0)[~solid], 1.0, rtol=2e-5)

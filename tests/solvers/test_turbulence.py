@@ -5,7 +5,6 @@ import pytest
 from rooms import cfd, flow_in
 
 from taichi_plume.grid.grid import Grid
-from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.prescribed_wind import padded_faces
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
@@ -14,17 +13,13 @@ pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 @pytest.fixture(scope="module")
 def eddy_viscosity(taichi) -> Callable[[str, np.ndarray, float], float]:
     """nu_t of a solver in the middle of a box with u_i = gradient[i, j] x_j."""
-    made: dict[tuple[str, int], FlowSolver] = {}
 
     def of(kind: str, gradient: np.ndarray, constant: float) -> float:
         dim = len(gradient)
         openings = tuple({"kind": "outlet", "face": axis + side} for axis in "xyz"[:dim] for side in "-+")
         turbulence = {"kind": kind, "constant": constant}
         wind = cfd(openings, viscosity=1e-5, turbulence=turbulence)
-        if (kind, dim) not in made:
-            made[kind, dim] = flow_in(Grid((8,) * dim, 0.1), wind)
-        flow = made[kind, dim]
-        flow.begin(wind, 0.0, 0)
+        flow = flow_in(Grid((8,) * dim, 0.1), wind)
         middle = 4 * flow.grid.dx
         flow._put_velocity(*((padded_faces(flow.grid, d) - middle) @ gradient[d] for d in range(dim)))
         flow._stage(0.0, 1.0)

@@ -3,7 +3,7 @@
 import pytest
 
 from taichi_plume.files.plumesim_log import read_log
-from taichi_plume.validation import plumesim_cases, resets
+from taichi_plume.validation import plumesim_cases
 from taichi_plume.validation.benchmark.trials import spiral_trials
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("taichi")]
@@ -21,8 +21,3 @@ def test_trials_in_a_film():
     (row,) = spiral_trials("few", "cpu", trials=3, recorded=2.0, limit=4.0)
     assert row.trials == 3
     assert row.robot_steps == 3 * 16
-
-
-def test_resets_equal_fresh_processes(capfd):
-    assert resets.main(["gaussian", "--seconds", "0.5", "--times", "1"]) == 0
-    assert "gaussian: the same" in capfd.readouterr().out

@@ -27,7 +27,6 @@ from taichi_plume.guard.terminal import Parser, say
 from taichi_plume.studies.air_plan import why_not
 from taichi_plume.studies.messages import Options, Record, Request, Task
 from taichi_plume.studies.shared_air import solve_air
-from taichi_plume.studies.simulation_cache import WARM
 from taichi_plume.studies.task_execution import execute_task
 from taichi_plume.validation.case import Keys
 
@@ -92,7 +91,7 @@ def _shared(base: Keys, file: Path, folder: Path, args: Any) -> int:
     same = [a._replace(cost=b.cost) == b for a, b in zip(alone, records, strict=False)]
     cpu_apart, clock_apart = _commands(base, file, folder, subset)
     for how, its_cpu, its_clock in (
-        ("warm resets", cpu_warm / args.alone, clock_warm / args.alone),
+        ("simulations in one process", cpu_warm / args.alone, clock_warm / args.alone),
         ("separate commands", cpu_apart / args.alone, clock_apart / args.alone),
     ):
         _tell(f"mean of {args.alone} {how}", its_cpu, its_clock)
@@ -143,7 +142,7 @@ def _overhead(base: Keys, file: Path, folder: Path, runs: int) -> int:
             say(
                 f"{n + 1:6} runs: {process.memory_info().rss / 1e6:7.1f} MB, CPU per run {1e3 * cpu / each:6.2f} ms, "
                 f"beyond the simulation {1e3 * half:6.2f} ms (median), {1e3 * sum(beyond[-each:]) / each:6.2f} ms "
-                f"(mean); simulation {1e3 * record.cost.simulation_s:6.2f} ms; Taichi started {WARM.begun} times",
+                f"(mean); simulation {1e3 * record.cost.simulation_s:6.2f} ms",
                 flush=True,
             )
             cpu = 0.0
