@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from taichi_plume.engine.fields import Field, on_cpu
+from taichi_plume.grid.geometry_cache import geometry_cached
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.size import ENTRIES_PER_CELL, MOST_BESIDE
 from taichi_plume.solvers.capacitance import Capacitance, Changes
@@ -30,9 +31,15 @@ def pressure_solver(faces: tuple[np.ndarray, ...], grid: Grid) -> PressureSolver
     capacitance matrix if few cells lie beside obstacles, otherwise sparse factors for one layer of cells or multigrid.
     On a GPU always multigrid.
     """
+    if on_cpu():
+        return _direct_solver(faces, grid) or Multigrid(OpenFractions.of(faces, grid), grid)
+    return Multigrid(OpenFractions.of(faces, grid), grid)
+
+
+@geometry_cached
+def _direct_solver(faces: tuple[np.ndarray, ...], grid: Grid) -> PressureSolver | None:
+    """Return a solver with factors, which has no state; None if multigrid is faster."""
     fractions = OpenFractions.of(faces, grid)
-    if not on_cpu():
-        return Multigrid(fractions, grid)
     changes = Changes.of(fractions, grid)
     if not len(changes.near):
         return FastTransforms(changes.kinds, grid)
@@ -40,4 +47,4 @@ def pressure_solver(faces: tuple[np.ndarray, ...], grid: Grid) -> PressureSolver
         return Capacitance(changes, grid)
     if sum(n > 1 for n in grid.shape) <= 2:
         return SparseFactors(fractions, grid)
-    return Multigrid(fractions, grid)
+    return None

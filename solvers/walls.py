@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.geometry_cache import geometry_cached
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template, visit
 from taichi_plume.grid.sweeps import sweep
@@ -152,6 +153,11 @@ def distances(air: Air, walls: list[np.ndarray], grid: Grid) -> np.ndarray:
     points = [_wall_points(sides, d, grid) for d, sides in enumerate(walls)]
     if not air.empty:
         points.append(_obstacle_points(air))
+    return _from_points(points, grid)
+
+
+@geometry_cached
+def _from_points(points: list[np.ndarray], grid: Grid) -> np.ndarray:
     surface = np.concatenate(points)
     if not len(surface):
         return np.full(grid.shape, FAR, np.float32)

@@ -192,6 +192,7 @@ class TimeLoop:
     def __post_init__(self) -> None:
         self.dt = self.scenario.tick
         self.tick, self.last_tick = self.scenario.first_tick, self.scenario.last_tick
+        self.steps, self.wall_s, self._begun = 0, 0.0, None
         self.observers = [Every(1.0, check_gas, warm_up=True)]
 
     @one_blas_thread

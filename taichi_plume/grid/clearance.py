@@ -9,6 +9,7 @@ from scipy import ndimage
 
 from taichi_plume.engine import ti
 from taichi_plume.grid.fields import corner
+from taichi_plume.grid.geometry_cache import geometry_cached
 from taichi_plume.grid.shapes import Shape, clearance_resolution
 from taichi_plume.grid.transfer import uploader
 
@@ -16,6 +17,24 @@ if TYPE_CHECKING:
     from taichi_plume.grid.layers import Layers
 
 FAR = 1e6  # m, clearance without obstacles
+
+
+@geometry_cached
+def _lower_bounds(
+    shapes: Sequence[Shape],
+    low: tuple[float, float],
+    nodes: tuple[int, int],
+    resolution: float,
+    ranges: Sequence[tuple[float, float]],
+) -> np.ndarray:
+    """Return lower bounds of the distances [m] of the nodes to obstacles, (ranges, *nodes)."""
+    axes = [start + np.arange(n) * resolution for start, n in zip(low, nodes, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    values = np.full((len(ranges), *nodes), FAR)
+    for layer, reach in zip(values, ranges, strict=True):
+        for shape in shapes:
+            np.minimum(layer, shape.horizontal_distance(points, *reach), out=layer)
+    return values - resolution / sqrt(2)
 
 
 @ti.data_oriented
@@ -40,13 +59,7 @@ class HorizontalDistances:
         size = (self.high[0] - self.low[0], self.high[1] - self.low[1])
         self.resolution = resolution if shapes else max(size)
         self.nodes = tuple(max(2, ceil(length / self.resolution - 1e-9) + 1) for length in size)
-        axes = [low + np.arange(n) * self.resolution for low, n in zip(self.low, self.nodes, strict=True)]
-        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-        self._values = np.full((len(ranges), *self.nodes), FAR)
-        for layer, reach in zip(self._values, ranges, strict=True):
-            for shape in shapes:
-                np.minimum(layer, shape.horizontal_distance(points, *reach), out=layer)
-        self._values -= self.resolution / sqrt(2)
+        self._values = _lower_bounds(shapes, self.low, self.nodes, self.resolution, ranges)
         self.values = ti.field(ti.f32, self._values.shape)
         uploader(self.values)(self._values)
 

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from taichi_plume.grid.geometry_cache import geometry_cached
 from taichi_plume.grid.grid import Grid, block_mean
 from taichi_plume.grid.shapes import FINER, TIE, Shape
 
@@ -96,6 +97,7 @@ class Air:
         return result
 
 
+@geometry_cached
 def air_of(
     shapes: Sequence[Shape | None],
     grid: Grid,

@@ -2,22 +2,23 @@
 
 from collections.abc import Iterator
 
-from taichi_plume.scenario.vocabulary import AT_START, Model, marked
+from taichi_plume.scenario.vocabulary import AT_START, INPUT_FILE, SHAPE, Model, marked
 
+STARTING = AT_START, SHAPE, INPUT_FILE
+"""Marks of keys that cannot change during a run."""
 LONGEST_VALUE = 48  # characters shown of a value
 
 
 def differences_at_start(old: object, new: object, path: str = "", at_start: bool = False) -> Iterator[str]:
     """Yield a line for each difference that acts at the start of a run alone: marked keys, kinds, lengths of lists.
 
-    path: of the two values; at_start: whether they are part of a marked key.
+    path: of the two values; at_start: whether they are part of a marked key, see STARTING.
     """
     if isinstance(old, Model) and type(old) is type(new):
         for key in type(old).model_fields:
             pair = vars(old)[key], vars(new)[key]
-            yield from differences_at_start(
-                *pair, f"{path}.{key}", at_start or marked(type(old), key, AT_START)
-            )
+            starts = at_start or any(marked(type(old), key, mark) for mark in STARTING)
+            yield from differences_at_start(*pair, f"{path}.{key}", starts)
     elif isinstance(old, tuple) and isinstance(new, tuple) and len(old) == len(new):
         for n, pair in enumerate(zip(old, new, strict=True)):
             yield from differences_at_start(*pair, f"{path}[{n}]", at_start)

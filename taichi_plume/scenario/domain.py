@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from taichi_plume.scenario import si
-from taichi_plume.scenario.vocabulary import AT_START, Model
+from taichi_plume.scenario.vocabulary import SHAPE, Model
 
 if TYPE_CHECKING:
     from taichi_plume.assembly.resources import Resources
@@ -65,13 +65,13 @@ def ends_early(where: str, file: str | Path, end: float, then: str, context: Con
 class Domain(Model):
     """The box that is simulated, with its lower corner at the origin."""
 
-    size: Annotated[tuple[si.Length, ...], Field(min_length=2, max_length=3), AT_START]
+    size: Annotated[tuple[si.Length, ...], Field(min_length=2, max_length=3), SHAPE]
     """Lengths of the room along x and y, and in 3-D along z. Two numbers make a 2-D run, seen from above; three a 3-D
     one."""
-    spacing: Annotated[si.Length, AT_START]
+    spacing: Annotated[si.Length, SHAPE]
     """Edge of the square or cubic cells of the grid. Half of it shows finer eddies and smaller objects, and takes
     about 8 times as long in 2-D and 16 times in 3-D. The size is rounded to whole cells."""
-    depth: Annotated[si.Length, AT_START] = 1.0
+    depth: Annotated[si.Length, SHAPE] = 1.0
     """Thickness of the layer of air that a 2-D run stands for. It decides how many ppm a source of so many mg/s
     makes: twice the depth halves them. Without effect in 3-D."""
 
@@ -114,9 +114,9 @@ class Domain(Model):
 class Arena(Model):
     """Part of the floor that the robots do not leave: its edges stop them as walls do, air passes them."""
 
-    low: Annotated[si.Point2, AT_START]
+    low: Annotated[si.Point2, SHAPE]
     """Lower corner of the part of the floor, x and y."""
-    high: Annotated[si.Point2, AT_START]
+    high: Annotated[si.Point2, SHAPE]
     """Upper corner of the part of the floor, x and y."""
 
     @property

@@ -22,7 +22,7 @@ from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas, PlumeSimMeand
 from taichi_plume.scenario.sources import AnySpecies, OneGas, Source, dishes
 from taichi_plume.scenario.species import Species
 from taichi_plume.scenario.surfaces import GasSurfaces, Inflow, inflow_faults
-from taichi_plume.scenario.vocabulary import AT_START, SPATIAL, Convection, Model
+from taichi_plume.scenario.vocabulary import AT_START, SHAPE, SPATIAL, Convection, Model
 
 
 class EulerianGas(OneGas):
@@ -112,7 +112,7 @@ class PuffGas(OneGas):
     """Scheme that carries gas on the grid after the handover, as for an eulerian gas."""
     buoyancy: Annotated[bool, SPATIAL] = False
     """Whether puffs of heavy gas sink; 3-D only."""
-    cutoff: Annotated[float, Field(ge=2, le=5), AT_START] = 3.5
+    cutoff: Annotated[float, Field(ge=2, le=5), SHAPE] = 3.5
     """Where a puff ends, in standard deviations from its middle. More is more exact and takes longer."""
     most: Annotated[si.Count, Field(ge=100)] = 200_000
     """Puffs at a time: beyond, neighbours are merged. More keep finer filaments and take more memory."""

@@ -9,7 +9,7 @@ from pydantic import Field
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.quantities import ill_sized, round_up
-from taichi_plume.scenario.vocabulary import AT_START, Model, consistency_check
+from taichi_plume.scenario.vocabulary import SHAPE, Model, consistency_check
 
 MOST_CELLS = 4_000_000
 LOG_SNAPS = 120  # most snaps of a whole log, such as ten minutes of 5 s each
@@ -54,11 +54,11 @@ class SnapshotMap(AnyMap):
     """Base class of the maps of snaps. A snap holds the readings of a time window."""
 
     cell: si.Length = 0.25
-    window: Annotated[si.Duration, AT_START] = 5.0
+    window: Annotated[si.Duration, SHAPE] = 5.0
     """Length of a snap: readings within a snap count as simultaneous."""
-    power: Annotated[si.Exponent, AT_START] = 2.0
+    power: Annotated[si.Exponent, SHAPE] = 2.0
     """Exponent of the inverse distance: more lets the nearest reading count more."""
-    min_distance: Annotated[si.Length, AT_START] | None = None
+    min_distance: Annotated[si.Length, SHAPE] | None = None
     """Smallest distance that counts; unless given, half a cell."""
 
     def bytes(self, size: tuple[float, ...], readings: float) -> float:
@@ -72,11 +72,11 @@ class TimeSeriesMap(SnapshotMap):
     """
 
     kind: Literal["time_series"]  # type: ignore[assignment]
-    alpha: Annotated[float, Field(ge=1e-6, lt=1), AT_START] = 0.9
+    alpha: Annotated[float, Field(ge=1e-6, lt=1), SHAPE] = 0.9
     """Weight of distance against age in the neighbourhood: near 1, old readings still count."""
-    beta: Annotated[si.SomeCoefficient, AT_START] = 0.5
+    beta: Annotated[si.SomeCoefficient, SHAPE] = 0.5
     """Size of the neighbourhood. A reading counts where alpha distance + (1 - alpha) time_scale age is below it."""
-    time_scale: Annotated[si.SomeCoefficient, AT_START] = 0.1
+    time_scale: Annotated[si.SomeCoefficient, SHAPE] = 0.1
     """Distance that a second of age counts as. More forgets faster."""
     raw_samples: bool = False
     """Whether the samples themselves are the neighbours, rather than the cells interpolated from the samples."""

@@ -12,7 +12,7 @@ from taichi_plume.grid.unresolved import SAMPLES, missed
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, Domain, span
 from taichi_plume.scenario.motion import Motion
-from taichi_plume.scenario.vocabulary import AT_START, FileName, Model
+from taichi_plume.scenario.vocabulary import SHAPE, FileName, Model
 
 TOO_LARGE = 10  # times the domain: a larger body is probably in another unit
 MOSTLY_OUTSIDE = 0.4  # fraction of a body's base in the domain; a wall may stand on an edge
@@ -106,11 +106,11 @@ class Box(AnyObstacle):
     """An upright box, which may be turned about the vertical: a table, a cupboard, a wall."""
 
     kind: Literal["box"]
-    center: Annotated[si.Point, AT_START]
+    center: Annotated[si.Point, SHAPE]
     """Middle of the box, per axis."""
-    size: Annotated[si.Edges, AT_START]
+    size: Annotated[si.Edges, SHAPE]
     """Edges of the box along its own x, y and z, before it is turned."""
-    yaw_deg: Annotated[si.Angle, AT_START] = 0.0
+    yaw_deg: Annotated[si.Angle, SHAPE] = 0.0
     """Angle by which it is turned about the vertical, to the left seen from above."""
     motion: Motion | None = None
     """Motion over the floor, which stirs the air of a computed wind; unless given, it stands."""
@@ -155,13 +155,13 @@ class Cylinder(Round):
     """An upright cylinder: a pillar, a bin, or with a `motion` a person who walks."""
 
     kind: Literal["cylinder"]
-    center: Annotated[si.Point2, AT_START]
+    center: Annotated[si.Point2, SHAPE]
     """Where its axis stands on the floor, x and y."""
-    radius: Annotated[si.Length, AT_START]
+    radius: Annotated[si.Length, SHAPE]
     """Radius of its round footprint."""
-    base: Annotated[si.Distance, AT_START] = 0.0
+    base: Annotated[si.Distance, SHAPE] = 0.0
     """Height of its lower end over the floor; 3-D only."""
-    height: Annotated[si.Length, AT_START] | None = None
+    height: Annotated[si.Length, SHAPE] | None = None
     """Length from its base upward; unless given, it reaches the ceiling. 3-D only."""
     motion: Motion | None = None
     """Motion over the floor, which stirs the air of a computed wind; unless given, it stands."""
@@ -184,9 +184,9 @@ class Sphere(Round):
     """A sphere (in 2-D a disc)."""
 
     kind: Literal["sphere"]
-    center: Annotated[si.Point, AT_START]
+    center: Annotated[si.Point, SHAPE]
     """Middle of the sphere, per axis."""
-    radius: Annotated[si.Length, AT_START]
+    radius: Annotated[si.Length, SHAPE]
     """Radius of the sphere, in 2-D of the disc."""
     motion: Motion | None = None
     """Motion over the floor, which stirs the air of a computed wind; unless given, it stands."""
@@ -208,11 +208,11 @@ class Prism(Standing):
     """An upright body over any polygon: walls with corners, furniture."""
 
     kind: Literal["prism"]
-    vertices: Annotated[tuple[si.Point2, ...], Field(min_length=3, max_length=10_000), AT_START]
+    vertices: Annotated[tuple[si.Point2, ...], Field(min_length=3, max_length=10_000), SHAPE]
     """Corners of the outline, each [x, y], in order along the outline, which must not cross itself."""
-    base: Annotated[si.Distance, AT_START] = 0.0
+    base: Annotated[si.Distance, SHAPE] = 0.0
     """Height of its lower end over the floor; 3-D only."""
-    height: Annotated[si.Length, AT_START] | None = None
+    height: Annotated[si.Length, SHAPE] | None = None
     """Length from its base upward; unless given, it reaches the ceiling. 3-D only."""
 
     def surface(self, domain: Domain) -> float:
@@ -231,13 +231,13 @@ class Mesh(Standing):
     kind: Literal["mesh"]
     file: FileName
     """Path of an STL, OBJ or PLY file of closed bodies, relative to the scenario's folder."""
-    scale: Annotated[si.SomeCoefficient, AT_START] = 1.0
+    scale: Annotated[si.SomeCoefficient, SHAPE] = 1.0
     """Factor from the file's unit to metres: 0.001 for a file in millimetres."""
-    yaw_deg: Annotated[si.Angle, AT_START] = 0.0
+    yaw_deg: Annotated[si.Angle, SHAPE] = 0.0
     """Angle by which it is turned about the file's z axis, after scaling, to the left seen from above."""
-    translate: Annotated[tuple[si.Coordinate, si.Coordinate, si.Coordinate], AT_START] = (0.0, 0.0, 0.0)
+    translate: Annotated[tuple[si.Coordinate, si.Coordinate, si.Coordinate], SHAPE] = (0.0, 0.0, 0.0)
     """Shift of the mesh after scaling and turning, per axis."""
-    section: Annotated[si.Coordinate, AT_START] = 0.0
+    section: Annotated[si.Coordinate, SHAPE] = 0.0
     """Height at which a 2-D run cuts the mesh, once it has been moved."""
 
     def _another_scale(self, size: np.ndarray, domain: Domain) -> str:
@@ -257,12 +257,12 @@ class WallMap(Standing):
     """Path of the map's YAML file, relative to the scenario's folder; its picture (PGM, PNG or BMP) lies beside it."""
     unknown: Literal["wall", "free"] = "wall"
     """Meaning of unknown pixels: most lie behind the walls, where no air is needed."""
-    origin: Annotated[si.Point2, AT_START] | None = None
+    origin: Annotated[si.Point2, SHAPE] | None = None
     """Where the domain's lower corner lies in the map's frame, x and y. Unless given, it is the lower corner of the box
     around the map."""
-    base: Annotated[si.Distance, AT_START] = 0.0
+    base: Annotated[si.Distance, SHAPE] = 0.0
     """Height of the walls' lower end over the floor; 3-D only."""
-    height: Annotated[si.Length, AT_START] | None = None
+    height: Annotated[si.Length, SHAPE] | None = None
     """Length from their base upward; unless given, they reach the ceiling. 3-D only."""
 
     def errors(self, where: str, context: Context) -> Iterator[str]:

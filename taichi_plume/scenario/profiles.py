@@ -10,7 +10,7 @@ from pydantic import Field
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.vocabulary import (
-    AT_START,
+    SHAPE,
     Face,
     Model,
     consistency_check,
@@ -68,10 +68,10 @@ class LogProfile(HeightProfile):
     """Speed that grows with the logarithm of the height, as over a wall far from the other side: u ~ ln(h/z0)."""
 
     kind: Literal["log"]
-    roughness: Annotated[si.Length, AT_START] | None = None
+    roughness: Annotated[si.Length, SHAPE] | None = None
     """Roughness length z0, the height at which the speed is 0. Of a smooth wall about 2e-6 m²/s over the friction
     velocity."""
-    friction: Annotated[si.SomeFraction, AT_START] | None = None
+    friction: Annotated[si.SomeFraction, SHAPE] | None = None
     """Friction velocity over the mean speed, instead of the roughness."""
 
     _one_parameter = exactly_one("roughness", "friction")
@@ -88,7 +88,7 @@ class PowerProfile(HeightProfile):
     """Speed that grows with a power of the height: u ~ h^exponent."""
 
     kind: Literal["power"]
-    exponent: Annotated[si.Exponent, AT_START] = 1 / 7
+    exponent: Annotated[si.Exponent, SHAPE] = 1 / 7
     """Exponent of the height: 1/7 is usual over smooth ground, more makes a slower layer below."""
 
     def _speeds(self, heights: np.ndarray, of_opening: np.ndarray) -> np.ndarray:
@@ -99,9 +99,9 @@ class TableProfile(HeightProfile):
     """Speeds at heights, linear in between."""
 
     kind: Literal["table"]
-    heights: Annotated[tuple[si.Distance, ...], ENTRIES, AT_START]
+    heights: Annotated[tuple[si.Distance, ...], ENTRIES, SHAPE]
     """Heights over the walls at which speeds are given, ascending; they have to cover the opening."""
-    speeds: Annotated[tuple[si.Speed, ...], ENTRIES, AT_START]
+    speeds: Annotated[tuple[si.Speed, ...], ENTRIES, SHAPE]
     """Speed at each height, linear in between. Only their ratios count, the opening's `speed` stays the mean."""
 
     @consistency_check

@@ -14,7 +14,7 @@ from taichi_plume.scenario.domain import Arena, Context
 from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.sensors import Sensors
 from taichi_plume.scenario.starts import Start
-from taichi_plume.scenario.vocabulary import AT_START, Model
+from taichi_plume.scenario.vocabulary import AT_START, SHAPE, Model
 
 
 class Communication(Model):
@@ -81,7 +81,7 @@ class Group(Model):
     give better statistics in one run."""
     first_trial: Annotated[int, Field(ge=0, le=1_000_000)] = 0
     """Number of the first trial. With `trials: 1`, one of many is run again alone, to the same result."""
-    begin: Annotated[si.Delay, AT_START] = 0.0
+    begin: Annotated[si.Delay, SHAPE] = 0.0
     """Time when the robots start to move. Until then they stand at their start, where their sensors measure gas, also
     for maps. The duration of a search counts from this time."""
     start: Annotated[Start, AT_START]

@@ -29,7 +29,7 @@ from taichi_plume.scenario.screens import AnyScreen
 from taichi_plume.scenario.starts import too_close
 from taichi_plume.scenario.task import Task
 from taichi_plume.scenario.team_algorithms import too_many_messages
-from taichi_plume.scenario.vocabulary import AT_START, FileName, Model
+from taichi_plume.scenario.vocabulary import AT_START, SHAPE, FileName, Model
 from taichi_plume.scenario.winds import Wind
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ class Scenario(Model):
     warm_up: Annotated[si.Delay, AT_START] = 0.0
     """Time before the robots start, for flow and gas to develop. The clock then shows negative times, up to 0; the
     air should pass the room a few times."""
-    tick: Annotated[si.Tick, AT_START] = 0.1
+    tick: Annotated[si.Tick, SHAPE] = 0.1
     """Control period: once per tick sensors measure and robots decide. The air takes as many shorter steps as it
     needs."""
     stop_early: bool = True

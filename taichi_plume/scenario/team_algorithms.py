@@ -12,7 +12,7 @@ from taichi_plume.scenario.maps import MOST_CELLS, TimeSeriesMap
 from taichi_plume.scenario.quantities import round_up
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm, Listening
 from taichi_plume.scenario.starts import GAP
-from taichi_plume.scenario.vocabulary import AT_START, Model
+from taichi_plume.scenario.vocabulary import SHAPE, Model
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.domain import Arena
@@ -164,7 +164,7 @@ class Sweep(Repelled):
     kind: Literal["sweep"]
     speed: si.Speed | None = None
     """Speed at which they drive; unless given, the body's largest."""
-    lane: Annotated[si.Length, AT_START] = 0.3
+    lane: Annotated[si.Length, SHAPE] = 0.3
     """Largest width of a lane: narrower ones cover the floor more closely, and take longer."""
     along: Literal["x", "y"] | None = None
     """Axis along which the lanes run; unless given, the longer side of the floor."""

@@ -20,12 +20,14 @@ class Mark(Enum):
     """Annotation of a key of a scenario, such as ``Annotated[Length, AT_START]``; the value explains it."""
 
     AT_START = "Key that acts at the start of a run alone: `Simulation.change` refuses it, a reset takes it."
+    SHAPE = """Key that gives the state of a run its meaning, such as the cells or the place of an opening:
+    `Simulation.change` refuses it, a reset takes it."""
     INPUT_FILE = "Path of an input file, relative to the scenario's folder; with %d or %g, of several files."
     SPATIAL = "Key of 3-D runs alone: in 2-D its value must be zero, false or not given."
     PLANE = "Names of faces or axes, whose z does not exist in 2-D runs."
 
 
-AT_START, INPUT_FILE, SPATIAL, PLANE = Mark
+AT_START, SHAPE, INPUT_FILE, SPATIAL, PLANE = Mark
 
 
 @dataclass(frozen=True)

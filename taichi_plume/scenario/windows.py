@@ -11,7 +11,7 @@ from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, Domain, span
-from taichi_plume.scenario.vocabulary import AT_START, PER_FACE, Face, Model, consistency_check, not_both
+from taichi_plume.scenario.vocabulary import PER_FACE, SHAPE, Face, Model, consistency_check, not_both
 
 LEAST_OPEN = 0.05  # open area fraction of an opening; less is closed
 MOSTLY_OPEN = 0.9  # open area fraction; more is open, as walls that meet the face cover some of it
@@ -26,15 +26,13 @@ class Window(Model):
     """
 
     center: (
-        Annotated[tuple[si.Coordinate, ...], Field(min_length=1, max_length=2), PER_FACE, AT_START] | None
+        Annotated[tuple[si.Coordinate, ...], Field(min_length=1, max_length=2), PER_FACE, SHAPE] | None
     ) = None
     """Middle of the region in its plane: one number in 2-D, two in 3-D, in x, y, z order. It goes with `size` or
     `diameter`; without them the region is the whole face or cross-section."""
-    size: Annotated[tuple[si.Length, ...], Field(min_length=1, max_length=2), PER_FACE, AT_START] | None = (
-        None
-    )
+    size: Annotated[tuple[si.Length, ...], Field(min_length=1, max_length=2), PER_FACE, SHAPE] | None = None
     """Edges of a rectangular region in its plane: one number in 2-D, two in 3-D."""
-    diameter: Annotated[si.Length, AT_START] | None = None
+    diameter: Annotated[si.Length, SHAPE] | None = None
     """Diameter of a round region; in 2-D, width of a slot. Instead of `size`."""
 
     _one_form = not_both("size", "diameter")
@@ -109,7 +107,7 @@ class Window(Model):
 class Region(Window):
     """A window on a face of the domain."""
 
-    face: Face
+    face: Annotated[Face, SHAPE]
     """Side of the room: x- is at x = 0, x+ at the other end, likewise y, and in 3-D z."""
 
     @property
