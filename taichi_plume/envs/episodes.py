@@ -99,8 +99,6 @@ class Episodes:
     has no robots or has moving obstacles, ImportError without torch.
     """
 
-    made_of: str = ""  # settings of the engine; runs_in: Taichi's runtime; see `task.open_episodes`
-    runs_in: object = None
     rewarder: Rewarder | None = None  # a user's reward function, instead of `task.reward`
     shows_truth = False  # whether `truth` and, for episodes restarted by `same_step`, `final_truth` are set
 
@@ -136,22 +134,15 @@ class Episodes:
         self.swarm, self.sensors = swarm, Sensors(swarm, 2, tick, films.species)
         members = Members(swarm, (0,))
         self.observation, self.commands = Observation(swarm, members, tick), Commands(swarm, members, tick)
-        self.observation.begin()
-        self.commands.begin()
         ticks = group.algorithm.ticks(tick)
         self.step_s, self.action_size = ticks * tick, self.commands.size
         self.action_names = action_names(self.observation.model)
         self.most_steps = max(1, ceil(scenario.task.episode / self.step_s - 1e-6))
         self.names, self.low, self.high = self.observation.names, self.observation.low, self.observation.high
         self.kernel = StepKernel(self, films, bank, starts, ticks)
-        self.arrays, self._truth = arrays, Truth(self)
-        self.begin()
-
-    def begin(self) -> None:
-        """Return to the state after construction, with new arrays and before the first episode; compile nothing."""
-        self._allocate(self.arrays)
-        self.kernel.begun = False
-        self._seeds = np.random.SeedSequence(self.scenario.seed).generate_state(self.count, np.uint64)
+        self._truth = Truth(self)
+        self._allocate(arrays)
+        self._seeds = np.random.SeedSequence(scenario.seed).generate_state(count, np.uint64)
 
     def _allocate(self, arrays: str) -> None:
         """Allocate the arrays that kernels and users share; arrays: "numpy" or "torch"."""

@@ -4,7 +4,7 @@ from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from operator import index
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict, TypeVar, Unpack
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 import numpy as np
 
@@ -21,14 +21,11 @@ EXTRA = 'pip install "taichi_plume[learn]"'
 RENDER_FPS = 10
 MOST_BANKS = 2  # largest number of banks that this process caches for further environments
 MOST = 1_000_000  # largest number of environments, so that indices of observations fit into 32 bits
-IDLE = 4  # cached engines of closed environments; a new engine compiles for seconds
 
-Value = TypeVar("Value")
 Given = Scenario | dict[str, object] | str | Path
 """Scenario in any form that users may give: object, dict or path of a file."""
 
 _banks: "OrderedDict[str, Bank]" = OrderedDict()
-_idle: "OrderedDict[str, Episodes]" = OrderedDict()
 
 
 class Options(TypedDict, total=False):
@@ -144,42 +141,23 @@ def open_episodes(
     if given is None:
         key = key_of(checked_scenario, folder)
         if key not in _banks:
-            _keep(_banks, key, bank_of(checked_scenario, folder, allow_outside=outside), MOST_BANKS)
+            _banks[key] = bank_of(checked_scenario, folder, allow_outside=outside)
+            while len(_banks) > MOST_BANKS:
+                _banks.popitem(last=False)
         bank = _banks[key]
     else:
         bank = bank_of(checked_scenario, folder, given)
     team = checked_scenario.learners.count if robots is None else robots
-    made_of = repr((checked_scenario, folder, int(count), team, bank.key, arrays))
-    episodes = _idle.pop(made_of, None)
-    if episodes is not None and episodes.runs_in is _runtime():
-        episodes.autoreset = autoreset
-        episodes.begin()
-    else:
-        episodes = Episodes(checked_scenario, folder, int(count), team, bank, autoreset, arrays)
-        episodes.made_of, episodes.runs_in = made_of, _runtime()
+    episodes = Episodes(checked_scenario, folder, int(count), team, bank, autoreset, arrays)
     episodes.shows_truth, episodes.rewarder = truth, reward
     return episodes
-
-
-def _keep(cache: "OrderedDict[str, Value]", key: str, value: Value, most: int) -> None:
-    """Add a value to a cache, and remove the oldest values beyond `most`."""
-    cache[key] = value
-    while len(cache) > most:
-        cache.popitem(last=False)
-
-
-def _runtime() -> object:
-    """Return the Taichi program that owns the engines' fields; None if Taichi does not run."""
-    from taichi.lang import impl
-
-    return impl.get_runtime().prog
 
 
 def _start(arch: str) -> None:
     """Start Taichi on `arch` unless it runs: a second start would destroy the fields of existing environments."""
     from taichi_plume.engine import program
 
-    if _runtime() is None:
+    if not program.is_running():
         try:
             program.start(arch)
         except RuntimeError as error:
@@ -233,9 +211,7 @@ class Environment:
         return picture(self.episodes, 0) if self.render_mode else None
 
     def close(self) -> None:
-        """Close the environment; its engine is cached for another environment of the same task."""
-        if self._episodes is not None:
-            _keep(_idle, self._episodes.made_of, self._episodes, IDLE)
+        """Close the environment and free its memory."""
         self._episodes = None
 
 

@@ -7,6 +7,7 @@ launches kernels for the first time, whose compilation would take many ticks of 
 from math import ceil
 
 from taichi_plume.agents.own_algorithm import OwnAlgorithm
+from taichi_plume.grid.state import State
 from taichi_plume.scoring.beliefs import BeliefScores
 from taichi_plume.scoring.maps import LOOKS, MapScores
 from taichi_plume.scoring.trials import PERIOD
@@ -14,10 +15,12 @@ from taichi_plume.time_loop import TimeLoop
 
 
 def rehearse(sim: TimeLoop) -> None:
-    """Run robots, maps, algorithms and scores in standing air through two of their longest periods; then reset `sim`.
+    """Run robots, maps, algorithms and scores in standing air through two of their longest periods; then restore `sim`.
 
     Users' own algorithms do not act: they launch no kernels, and may write files.
     """
+    state = State(sim)
+    saved = state.save()
     periods = [gas_map.window or 0.0 for gas_map in sim.maps]
     periods += [vars(group.algorithm).get("period") or 0.0 for group in sim.scenario.robots]
     end = ceil(2.0 * max(PERIOD, *periods) / sim.dt) + 1
@@ -30,4 +33,4 @@ def rehearse(sim: TimeLoop) -> None:
         if tick % every == 0:
             maps.sample(sim)
             beliefs.sample(sim)
-    sim.reset()
+    state.restore(saved)

@@ -410,22 +410,22 @@ class Air(Wind):
         return ti.Vector([a + b * x[0] + c * x[1]])
 
 
-def test_robots_are_those_of_an_ordinary_run(engines):
+def test_robots_are_those_of_an_ordinary_run(taichi):
     """The same commands in the same air, without noise: ways, readings and winds are the same."""
-    _, many = engines
-    (group,) = many.swarm.groups
-    sensors = group.model.sensors
-    exact = sensors.model_copy(
+    scenario = scenario_from(TASK)
+    learners = scenario.learners
+    exact = learners.sensors.model_copy(
         update={
-            "gas": (MoxSensor(kind="mox", noise=0.0), sensors.noses[1]),
-            "wind": sensors.wind.model_copy(update={"noise": 0.0}),
+            "gas": (MoxSensor(kind="mox", noise=0.0), learners.sensors.noses[1]),
+            "wind": learners.sensors.wind.model_copy(update={"noise": 0.0}),
         }
     )
-    model = group.model.model_copy(update={"sensors": exact, "odometry": None})
-    places = np.zeros((MANY * TEAM, 2)), np.zeros(MANY * TEAM)
+    plain_learners = learners.model_copy(update={"sensors": exact, "odometry": None})
+    robots = tuple(plain_learners if group is learners else group for group in scenario.robots)
+    scenario = scenario.model_copy(update={"robots": robots, "seed": 3})
+    many = Episodes(scenario, count=MANY, robots=TEAM, bank=recorded())
     swarm = many.swarm
-    swarm.begin([model], *places, np.empty((0, 2)), 3)
-    many.sensors.begin()
+    model = swarm.groups[0].model
     choice = many.kernel.choice.to_numpy()
     many.kernel.choice.from_numpy(np.full_like(choice, -1))
     many.kernel.n.set(mirrors=0.0)

@@ -1,4 +1,4 @@
-"""First second of accepted mutants: in a simulation that is reset if only numbers differ, else in a new one."""
+"""First second of accepted mutants, in a simulation of their base that is reset."""
 
 import time
 from math import isfinite
@@ -24,7 +24,7 @@ class Runner:
         self.name, self.sim = "", None
 
     def __call__(self, job: tuple[str, str]) -> Outcome:
-        """The outcome; `place` says how it was run where it is accepted."""
+        """The outcome."""
         from taichi_plume.assembly.preparation import load
         from taichi_plume.files.own_class import OwnAlgorithmError
         from taichi_plume.scenario.loading import ScenarioError
@@ -43,21 +43,16 @@ class Runner:
 
     def _run(self, name: str, prepared: Any) -> Outcome:
         from taichi_plume.assembly.preparation import load
-        from taichi_plume.scenario.reset import differences
 
         scenario = prepared.scenario
         robots = sum(group.count * group.trials for group in scenario.robots)
         if np.prod([float(n) for n in scenario.domain.shape]) > MOST_CELLS or robots > MOST_ROBOTS:
             return Outcome("accepted", place="too large to run")
-        base = load(self.paths[name])
-        if differences(base.scenario, scenario):
-            self.name = ""
-            return self._second(self._built(prepared), "assembled")
         if self.name != name:
-            self.sim = self._built(base)
+            self.sim = self._built(load(self.paths[name]))
             self.name = name
         self.sim.reset(scenario)
-        return self._second(self.sim, "reset")
+        return self._second(self.sim)
 
     @staticmethod
     def _built(prepared: Any) -> Any:
@@ -70,7 +65,7 @@ class Runner:
         return build(prepared)
 
     @staticmethod
-    def _second(sim: Any, how: str) -> Outcome:
+    def _second(sim: Any) -> Outcome:
         """Go on for a second, and for one of the robots where the warm-up is as short; then look at the result."""
         from taichi_plume.execution.result import result
         from taichi_plume.scoring.maps import MapScores
@@ -94,7 +89,7 @@ class Runner:
         ]
         if odd:
             return Outcome("nan", f"t = {sim.t}: {', '.join(odd)}", odd[0])
-        return Outcome("accepted", place=how)
+        return Outcome("accepted")
 
 
 def _odd(value: Any, path: str) -> list[str]:

@@ -30,23 +30,19 @@ MANY_CELLS = 2e6  # of a grid that may take longer
 RUN_MEMORY = 16 << 30  # bytes of addresses, of which Taichi takes many
 RUN_LIMIT = 40.0  # s, for assembling, compiling and a second
 MANY_BUILDS = 25  # simulations after which a process is replaced
-SAME, OTHER = "of the same structure", "of another structure"
 SHORT = 0.4  # s, a warm-up that runs hold too
 
 
 def loader(paths: dict[str, Path]) -> Callable[[tuple[str, str]], Outcome]:
-    """Loads mutants (name of the base, text); `place` tells their structure from the base's. paths: of the bases."""
-    from taichi_plume.scenario.reset import differences
-
-    known = {name: load_scenario(path) for name, path in paths.items()}
+    """Loads mutants (name of the base, text). paths: of the bases."""
 
     def work(job: tuple[str, str]) -> Outcome:
         path = paths[job[0]].with_name("mutant.yml")
         write(path, job[1])
 
         def call() -> Outcome:
-            differing = differences(known[job[0]], load(path).scenario)
-            return Outcome("accepted", place=OTHER if differing else SAME)
+            load(path)
+            return Outcome("accepted")
 
         begin = time.process_time()
         outcome = tried(call, (ScenarioError,))
@@ -89,38 +85,34 @@ class Fuzzing:
             write(self.kept / f"{self.mutator.seed}-{n}-{name}.yaml", text)
         return f"{n} of {name}", outcome
 
-    def loaded(self, numbers: range, accepted: dict[int, str] | None = None) -> Iterator[tuple[str, Outcome]]:
-        """The names of mutants and what came of loading them; accepted: gets the numbers and structures of those."""
+    def loaded(self, numbers: range, accepted: list[int] | None = None) -> Iterator[tuple[str, Outcome]]:
+        """The names of mutants and what came of loading them; accepted: gets the numbers of those."""
         worker = Worker(partial(loader, self.paths), LIMIT, MEMORY)
         for n in numbers:
             name, text = self.mutator.mutant(n)
             outcome = worker.do((name, text))
             if outcome.kind == "accepted" and accepted is not None:
-                accepted[n] = outcome.place
+                accepted.append(n)
             yield self._noted(n, name, text, outcome)
         worker.close()
 
-    def run(self, accepted: dict[int, str], seconds: float) -> Iterator[tuple[str, Outcome]]:
-        """What came of the first second of mutants, as many of each base as time allows.
-
-        Those of the base's structure, which take little, get at most half of the time.
-        """
+    def run(self, accepted: list[int], seconds: float) -> Iterator[tuple[str, Outcome]]:
+        """What came of the first second of mutants, as many of each base as time allows."""
         os.environ.setdefault("TI_CPU_MAX_NUM_THREADS", "1")
         end = time.monotonic() + seconds
-        parts = [(name, kind) for name in self.paths for kind in (SAME, OTHER)]
-        for k, (name, kind) in enumerate(parts):
+        for k, name in enumerate(self.paths):
             worker = Worker(partial(Runner, self.paths), RUN_LIMIT, RUN_MEMORY)
-            stop = time.monotonic() + (end - time.monotonic()) / (len(parts) - k)
+            stop = time.monotonic() + (end - time.monotonic()) / (len(self.paths) - k)
             builds = 0
-            for n, structure in accepted.items():
-                if structure != kind or self.mutator.base(n) != name:
+            for n in accepted:
+                if self.mutator.base(n) != name:
                     continue
                 if time.monotonic() > stop:
                     break
                 text = self.mutator.mutant(n)[1]
                 outcome = worker.do((name, text))
-                builds += outcome.place != "reset"
-                if builds % MANY_BUILDS == 0 and outcome.place != "reset":
+                builds += 1
+                if builds % MANY_BUILDS == 0:
                     worker.close()
                 yield self._noted(n, name, text, outcome)
             worker.close()
@@ -148,9 +140,9 @@ def main() -> int:
         print(outcome.kind, outcome.text)
         if outcome.kind == "accepted":
             outcome = Runner(fuzzing.paths)((name, text))
-            print(outcome.kind, outcome.place, outcome.text)
+            print(outcome.kind, outcome.text)
         return int(not outcome.good)
-    accepted: dict[int, str] = {}
+    accepted: list[int] = []
     numbers = range(args.first, args.first + args.mutants)
     outcomes = list(fuzzing.loaded(numbers, accepted))
     print("loaded:", *reported(outcomes), sep="\n", flush=True)
