@@ -18,7 +18,7 @@ from taichi_plume.grid.transfer import Numbers
 KNOTS_PER_TIME = 20  # between knots v lacks 0.6 % of its variance, Y 0.1 % of s T
 KNOTS_PER_REACH = 50  # where the integral time of the gusts is longer than the reach
 BLOCK = 64  # knots drawn at a time
-LEAST = 1 << 15  # capacity in knots: a reset may make the wind slower, or the gusts shorter
+LEAST = 1 << 15  # capacity in knots: a change during a run may make the wind slower, or the gusts shorter
 
 
 def knots(time: float, reach: float) -> int:

@@ -28,9 +28,6 @@ class FakeWind(Wind):
     def __init__(self, grid: Grid, speed: float):
         self.dim, self.speed, self.width = grid.dim, speed, grid.extent[1]
 
-    def begin(self, model: Any, t: float, seed: int) -> None:
-        pass
-
     def advance(self, t: float, dt: float) -> None:
         pass
 
@@ -51,9 +48,6 @@ class FakeGas(Gas):
     """A meandering Gaussian plume with a wavy intensity: c = a exp(-r²/2s²) (1 + cos(...))/2 [kg/m³]."""
 
     species = SPECIES["ethanol"]
-
-    def begin(self, model: Any, t: float, seed: int) -> None:
-        pass
 
     def __init__(self, grid: Grid, source: tuple[float, ...], peak_ppm: float = 400.0):
         self.dim = grid.dim

@@ -59,9 +59,8 @@ class Carrier(Wind, Protocol):
 
     All fields are padded (see `Grid`) and belong to the time that `advance` has reached. ti.func: `velocity`.
 
-    The two numbers, viscosity and schmidt, are values on the host of the last `begin`: a transported scalar uploads
-    them to numbers of its own (see `transfer.Numbers`), and therefore begins after its wind. The host reads
-    outflow_rate and max_viscosity, which change from step to step, before each step of a scalar.
+    A transported scalar reads the two numbers, viscosity and schmidt, in its constructor. The host reads outflow_rate
+    and max_viscosity, which change from step to step, before each step of a scalar.
     """
 
     grid: Grid

@@ -1,7 +1,7 @@
 """Job queue of a study: pending runs and films, and the choice of an idle worker's next job.
 
 Runs that share an air (one realisation of flow and gas) wait for the film of the air. Films are large: only a few exist
-at a time, and a film is removed after its last run. A worker prefers runs whose simulation it has compiled already.
+at a time, and a film is removed after its last run. A worker prefers runs of the structure of its last run, whose files it has open.
 """
 
 from collections import Counter, deque
@@ -29,7 +29,7 @@ class Job(NamedTuple):
 
     @property
     def structure(self) -> str:
-        """Hash of the kind of simulation that the job needs; a worker compiles each kind once."""
+        """Hash of all but the numbers and seeds of the job's runs."""
         return self.requests[0].structure
 
     @property
@@ -94,7 +94,7 @@ class JobQueue:
         return self._runs(groups, structure, workers) if groups else None
 
     def _runs(self, groups: Sequence[tuple[str, str]], structure: str, workers: int) -> Job:
-        """Take runs from the queue of one (air, structure) group as a job; prefer the worker's compiled structure."""
+        """Take runs from the queue of one (air, structure) group as a job; prefer the structure of the worker's last run."""
         group = min(groups, key=lambda key: (key[1] != structure, self._jobs[key]))
         requests = self._open[group]
         total = sum(len(self._open[key]) for key in groups)

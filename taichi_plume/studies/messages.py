@@ -31,7 +31,7 @@ class Request(NamedTuple):
     run: id (16 hex digits), a hash of the completed scenario, its input files and the version; number: position in the
     plan; point: number of the combination of axis values, the same for runs that differ only in seeds; values: by axis,
     in SI units; air: id of the air, a hash of all that affects wind and gas, with the seed if they are random; changes:
-    changes to the base scenario, by path; structure: a hash, equal for runs that one compiled simulation can execute.
+    changes to the base scenario, by path; structure: a hash, equal for runs that differ in numbers and seeds alone.
     """
 
     run: str

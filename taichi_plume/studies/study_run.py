@@ -279,7 +279,7 @@ def print_check(plan: "Plan", out: Path) -> None:
             "first run. Of the points checked:"
         )
     say(f"airs: {len(runs_of_air):,}{shared}")
-    say(f"structures, each compiled once by a worker: {structures:,}")
+    say(f"structures, in which runs differ in numbers alone: {structures:,}")
     heads = (f"{axis.name} [{axis.unit}]" if axis.unit else axis.name for axis in plan.axes)
     table = Table("point", "runs", *heads)
     for point, request in sorted(points.items())[:LISTED]:

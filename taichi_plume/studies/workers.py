@@ -1,7 +1,7 @@
 """Workers of a study: processes on this machine, or the workers of a Dask scheduler.
 
 Each worker is a `concurrent.futures.Executor` with a single task at a time, so that the task that killed a worker is
-known. A worker keeps its compiled simulations between tasks. Processes on this machine end with the command and open no
+known. A worker keeps its compiled kernels between tasks. Processes on this machine end with the command and open no
 socket.
 """
 

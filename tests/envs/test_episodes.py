@@ -393,9 +393,6 @@ class Air(Wind):
     def __init__(self, film):
         self.wind_, self.level = WIND[film].tolist(), (LEVEL[film] + LEVEL[film][::-1]).tolist()
 
-    def begin(self, model, t, seed):
-        pass
-
     def advance(self, t, dt):
         pass
 

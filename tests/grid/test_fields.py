@@ -52,9 +52,6 @@ class Solenoidal(Wind):
     def __init__(self, wind: Carrier):
         self.wind, self.dim = wind, wind.dim
 
-    def begin(self, model, t: float, seed: int) -> None:
-        pass
-
     def advance(self, t: float, dt: float) -> None:
         pass
 
@@ -132,9 +129,6 @@ class Even(Gas):
 
     def __init__(self, species: Species):
         self.species = species
-
-    def begin(self, model, t: float, seed: int) -> None:
-        pass
 
     def advance(self, t: float, dt: float) -> None:
         pass
