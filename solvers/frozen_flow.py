@@ -1,13 +1,16 @@
 """Frozen flow: time average of a computed flow; the average is divergence-free like the flow."""
 
-from typing import Any
+from collections.abc import Callable, Sequence
 
 from taichi_plume.engine import ti
 from taichi_plume.grid.cut_cells import Air
+from taichi_plume.grid.fields import Faces
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import launch
 from taichi_plume.scenario.winds import FrozenWind
 from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.momentum import BuoyantScalar
+from taichi_plume.solvers.screens import Resistance
 
 
 @ti.data_oriented
@@ -20,8 +23,17 @@ class FrozenSolver(FlowSolver):
 
     STATE = (*FlowSolver.STATE, "means", "frozen", "_averaged")
 
-    def __init__(self, model: FrozenWind, grid: Grid, air: Air, t: float = 0.0, *others: Any, **named: Any):
-        super().__init__(model, grid, air, t, *others, **named)
+    def __init__(
+        self,
+        model: FrozenWind,
+        grid: Grid,
+        air: Air,
+        t: float = 0.0,
+        seed: int = 0,
+        weighing: Sequence[BuoyantScalar] = (),
+        resistances: Sequence[Callable[[Faces], Resistance]] = (),
+    ):
+        super().__init__(model, grid, air, t, seed, weighing, resistances)
         self.until = t + model.after
         self.since = self.until - (0.5 * model.after if model.average is None else model.average)
         self.frozen = False

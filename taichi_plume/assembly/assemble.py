@@ -80,9 +80,8 @@ def build(
     """Return the simulation of a checked scenario, at the start of its warm-up; Taichi must have been started.
 
     Users' algorithm files must have been executed, see own_code. film: recorded wind or gas that is played instead of
-    solving for them. driven: whether external robots are driven. running: simulation whose
-    users' algorithms go on, see `TimeLoop.rebuild`. Raises ScenarioError if robots do not fit, or nothing
-    drives them.
+    solving for them. driven: whether external robots are driven. running: simulation whose users' algorithms go on, see
+    `TimeLoop.rebuild`. Raises ScenarioError if robots do not fit, or nothing drives them.
     """
     scenario, resources = prepared
     own, networks, recorded = _drivers(scenario, resources, driven)

@@ -6,6 +6,7 @@ A solver is imported when a scenario needs it: importing all takes as long as th
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 from taichi_plume.assembly.resources import Resources
@@ -47,39 +48,37 @@ class Context:
         return self.scenario.first_tick * self.scenario.tick
 
 
-Solver = tuple[str, str, str]
-"""Module and class of a solver, and the arguments of the constructor after the section, as `_make` names them."""
-
-WINDS: dict[str, Solver] = {
-    "cfd": ("flow", "FlowSolver", "grid air t seed weighing resistances"),
-    "frozen": ("frozen_flow", "FrozenSolver", "grid air t seed weighing resistances"),
-    "uniform": ("uniform_wind", "UniformSolver", "grid t seed"),
-    "synthetic": ("synthetic_flow", "SyntheticSolver", "grid air t seed"),
-    "playback": ("playback", "PlayedWind", "film grid t"),
-    "imported": ("imported_flow", "ImportedFlow", "film grid t"),
-    "plumesim_log": ("plumesim", "PointWind", "frames extent t"),
+WINDS: dict[str, str] = {
+    "cfd": "flow.FlowSolver",
+    "frozen": "frozen_flow.FrozenSolver",
+    "uniform": "uniform_wind.UniformSolver",
+    "synthetic": "synthetic_flow.SyntheticSolver",
+    "playback": "playback.PlayedWind",
+    "imported": "imported_flow.ImportedFlow",
+    "plumesim_log": "plumesim.PointWind",
 }
-GASES: dict[str, Solver] = {
-    "eulerian": ("gas", "EulerianSolver", "grid wind air t seed path scalar openings"),
-    "puffs": ("puffs", "PuffSolver", "grid wind air t seed path"),
-    "gaussian_plume": ("plumes", "Plumes", "grid wind t seed path"),
-    "meandering": ("plumes", "Plumes", "grid wind t seed path"),
-    "continuous": ("gaussian_puffs", "ContinuousPuffs", "grid wind t"),
-    "gaussian_puff": ("gaussian_puffs", "GaussianPuffs", "grid wind t"),
-    "plumesim_gaussian": ("plumesim", "ProgramPuff", "extent t"),
-    "plumesim_meandering": ("plumesim", "ProgramMeander", "extent seed path"),
-    "plumesim_log": ("plumesim", "PointGas", "frames extent t"),
-    "fluent": ("plumesim", "PointGas", "frames extent t"),
-    "playback": ("playback", "PlayedGas", "film grid t"),
-    "movie": ("playback", "PlayedGas", "movie grid t"),
+GASES: dict[str, str] = {
+    "eulerian": "gas.EulerianSolver",
+    "puffs": "puffs.PuffSolver",
+    "gaussian_plume": "plumes.Plumes",
+    "meandering": "plumes.Plumes",
+    "continuous": "gaussian_puffs.ContinuousPuffs",
+    "gaussian_puff": "gaussian_puffs.GaussianPuffs",
+    "plumesim_gaussian": "plumesim.ProgramPuff",
+    "plumesim_meandering": "plumesim.ProgramMeander",
+    "plumesim_log": "plumesim.PointGas",
+    "fluent": "plumesim.PointGas",
+    "playback": "playback.PlayedGas",
+    "movie": "playback.PlayedGas",
 }
+"""Modules and classes of the solvers, by kind. `_make` passes the arguments that the constructor names."""
 
 
 def make_wind(model: AnyWind, ctx: Context) -> Wind:
     """Return the solver of a wind section. Raises ScenarioError if obstacles cut an inlet off from all outlets."""
     resources, film = ctx.resources, ctx.resources.films.get("wind")
     if resources.site is not None:
-        film = _solver("imported_flow", "ImportedFilm").of(resources.site, ctx.grid, ctx.air)
+        film = _solver("imported_flow.ImportedFilm").of(resources.site, ctx.grid, ctx.air)
     wind = _make(WINDS, model, "wind", ctx, film=film)
     if model.computed is not None and (trapped := wind.boundaries.trapped(ctx.air.regions())):
         what = (
@@ -93,20 +92,22 @@ def make_wind(model: AnyWind, ctx: Context) -> Wind:
 
 def make_gas(model: OneGas, path: str, ctx: Context, wind: Wind) -> Gas:
     """Return the solver of a gas section; path: key of the section in the scenario, wind: flow that carries the gas."""
-    return _make(GASES, model, path, ctx, wind=wind, film=ctx.resources.films.get(path))
+    films, movies = ctx.resources.films, ctx.resources.movies
+    return _make(GASES, model, path, ctx, wind=wind, film=films.get(path) or movies.get(path))
 
 
-def _make(kinds: dict[str, Solver], model: Model, path: str, ctx: Context, **parts: Any) -> Any:
+def _make(kinds: dict[str, str], model: Model, path: str, ctx: Context, **parts: Any) -> Any:
     scenario, resources = ctx.scenario, ctx.resources
     parts |= {
-        "grid": ctx.grid, "extent": ctx.grid.extent, "air": ctx.air, "path": path, "seed": scenario.seed_of_air,
+        "grid": ctx.grid, "extent": ctx.grid.extent, "air": ctx.air, "name": path, "seed": scenario.seed_of_air,
         "t": ctx.start, "frames": resources.frames.get(path), "openings": scenario.openings,
-        "movie": resources.movies.get(path), "scalar": ctx.scalars.get(path), "weighing": ctx.weighing,
-        "resistances": ctx.resistances,
+        "scalar": ctx.scalars.get(path), "weighing": ctx.weighing, "resistances": ctx.resistances,
     }  # fmt: skip
-    module, name, arguments = kinds[vars(model)["kind"]]
-    return _solver(module, name)(model, *(parts[argument] for argument in arguments.split()))
+    solver = _solver(kinds[vars(model)["kind"]])
+    _, *names = signature(solver).parameters
+    return solver(model, **{name: parts[name] for name in names})
 
 
-def _solver(module: str, name: str) -> Any:
+def _solver(path: str) -> Any:
+    module, name = path.split(".")
     return getattr(import_module(f"taichi_plume.solvers.{module}"), name)

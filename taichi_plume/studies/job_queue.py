@@ -1,7 +1,8 @@
 """Job queue of a study: pending runs and films, and the choice of an idle worker's next job.
 
 Runs that share an air (one realisation of flow and gas) wait for the film of the air. Films are large: only a few exist
-at a time, and a film is removed after its last run. A worker prefers runs of the structure of its last run, whose files it has open.
+at a time, and a film is removed after its last run. A worker prefers runs of the structure of its last
+run, whose files it has open.
 """
 
 from collections import Counter, deque
@@ -94,7 +95,7 @@ class JobQueue:
         return self._runs(groups, structure, workers) if groups else None
 
     def _runs(self, groups: Sequence[tuple[str, str]], structure: str, workers: int) -> Job:
-        """Take runs from the queue of one (air, structure) group as a job; prefer the structure of the worker's last run."""
+        """Take runs from the queue of one (air, structure) group as a job; prefer the worker's last structure."""
         group = min(groups, key=lambda key: (key[1] != structure, self._jobs[key]))
         requests = self._open[group]
         total = sum(len(self._open[key]) for key in groups)
