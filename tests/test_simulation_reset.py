@@ -1,5 +1,6 @@
 """An assembled simulation, set back to its beginning with the same scenario, with another, and with faults."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 import yaml
 
 from taichi_plume.assembly.assemble import assemble
+from taichi_plume.assembly.preparation import again, checked
 from taichi_plume.engine.program import compiled
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.loading import ScenarioError
@@ -117,6 +119,15 @@ def test_a_reset_equals_a_fresh_simulation_to_the_bit_and_compiles_nothing(sim, 
     sim.reset(scenario({}))
     assert same(story(sim), first)
     assert compiled() == kernels
+
+
+def test_what_equal_sections_have_opened_stays_open():
+    known = checked(scenario({}), Path())
+    moved = again(known, scenario({"obstacles.0.radius": 0.1})).resources.shapes
+    larger = again(known, scenario({"domain.size": [1.7, 1.2]})).resources.shapes
+    shapes = known.resources.shapes
+    assert [moved[path] is shape for path, shape in shapes.items()] == [False, True]
+    assert not any(larger[path] is shape for path, shape in shapes.items())
 
 
 def test_a_run_goes_on_from_a_saved_state(sim):

@@ -70,11 +70,11 @@ class Simulation:
         allow_code: bool = False,
         allow_outside: bool = False,
     ):
-        self._prepared = load(scenario, given(overrides, seed, duration), allow_outside)
-        own_code.execute(self._prepared, allow_code)
+        prepared = load(scenario, given(overrides, seed, duration), allow_outside)
+        own_code.execute(prepared, allow_code)
         with one_thread():
             program.start(arch)
-            self._loop: TimeLoop | None = build(self._prepared)
+            self._loop: TimeLoop | None = build(prepared)
         self._advancing = False
         self._looks: list[tuple[float, Callable[[Simulation], object]]] = []
         self._tables: list[Table] = []
@@ -320,14 +320,13 @@ class Simulation:
         view: "above", "column" or "section". view, ax, figsize: as of `Run.plot`. Raises InputError.
         """
         from taichi_plume.report.present import figure
-        from taichi_plume.report.scene import all_shapes
         from taichi_plume.report.theme import Place
         from taichi_plume.results.tracks import tracks_of
 
         place = Place.of(ax, figsize)
         data = self.temperature if of == "temperature" else self.gas.to_dataarray().sum("variable")
         tracks = tracks_of(self._rows(True), self.scenario.robots) if self.loop.swarm.count else []
-        shapes = all_shapes(self._prepared)
+        shapes = list(self.loop.obstacles)
         return figure(self.loop, shapes, np.nan_to_num(data.to_numpy().T), of, view, wind, tracks, place)
 
     def _repr_html_(self) -> str:

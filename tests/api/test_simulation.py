@@ -128,6 +128,17 @@ def test_a_refused_reset_leaves_it_as_it_was(sim, tmp_path):
     assert run_tables.read(tmp_path / "robots.parquet")["t"].to_numpy().max() == pytest.approx(1.0)
 
 
+def test_a_reset_takes_another_room(taichi):
+    sim = tp.Simulation(DATA)
+    ball = {"kind": "sphere", "center": [1.0, 0.5], "radius": 0.2}
+    sim.reset(overrides={"obstacles": [ball], "domain.spacing": 0.05, "robots.0.trials": 3})
+    assert sim.gas.ethanol_ppm.isnull().any()
+    assert len(sim.loop.obstacles) == 1
+    sim.run()
+    assert len(sim.robots) == 6
+    assert sim.plot() is not None
+
+
 def test_it_shows_itself(sim):
     sim.reset()
     sim.run(until=0.5)
