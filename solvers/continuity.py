@@ -10,13 +10,11 @@ phi, a velocity potential in units of dx, solves the Poisson equation (see `pois
 """
 
 from taichi_plume.engine import ti
-from taichi_plume.engine.fields import Field
 from taichi_plume.grid.kernels import Template
-from taichi_plume.solvers.momentum import Momentum
 
 
 @ti.func
-def net_inflow(m: Template, I):
+def net_inflow(m: Template, I, dt, k):
     """Return the net inflow into cell I over a face's area [m/s], with the released volume: (s - div u) dx."""
     total = 0.0
     for d in ti.static(range(m.dim)):
@@ -31,22 +29,12 @@ def net_inflow(m: Template, I):
 
 
 @ti.func
-def corrected(m: Template, phi: Template, I, d: Template):
+def corrected(m: Template, phi: Template, d: Template, I, dt, k):
     """Return u_d [m/s] at face I minus the gradient of phi, in proportion to the open fraction of the face."""
     return m.u[d][I] - m.open[d][I] * (phi[I] - phi[I - ti.Vector.unit(m.dim, d, ti.i32)])
 
 
 @ti.func
-def increased(m: Template, phi: Template, I, dt: float):
+def increased(m: Template, phi: Template, I, dt, k):
     """Return the pressure p [m²/s²] of cell I after a projection with phi over a time dt [s]."""
     return m.p[I] + (m.dx / dt) * phi[I]
-
-
-def correction(m: Momentum, phi: Field, d: int):
-    """Return the correction of u_d by the gradient of phi as the formula of a sweep over the faces of axis d."""
-
-    @ti.func
-    def formula(I, dt, k):
-        return corrected(m, phi, I, d)
-
-    return formula

@@ -9,7 +9,7 @@ second order.
 """
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -18,17 +18,23 @@ from taichi_plume.engine.fields import Field
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, Faces
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass, launch, visit
+from taichi_plume.grid.kernels import Pass, Template, launch, visit
 from taichi_plume.grid.sweeps import flux_sweep, sweep
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario.winds import CfdWind
-from taichi_plume.solvers import momentum as terms
 from taichi_plume.solvers.boundaries import Boundaries
-from taichi_plume.solvers.continuity import correction, increased, net_inflow
+from taichi_plume.solvers.continuity import corrected, increased, net_inflow
 from taichi_plume.solvers.ghosts import Ghosts
 from taichi_plume.solvers.heat import HeatSolver
-from taichi_plume.solvers.momentum import BuoyantScalar, Momentum, eddy_viscosity, of_axis, opennesses
+from taichi_plume.solvers.momentum import (
+    BuoyantScalar,
+    Momentum,
+    eddy_viscosity,
+    flux,
+    opennesses,
+    tendency,
+)
 from taichi_plume.solvers.prescribed_wind import padded_faces
 from taichi_plume.solvers.pressure import pressure_solver
 from taichi_plume.solvers.screens import Resistance, ScreenResistance
@@ -37,6 +43,35 @@ from taichi_plume.solvers.time_stepping import HUGE, Limits, stages_for
 from taichi_plume.solvers.transport import Scalar
 from taichi_plume.solvers.turbulence import MODELS
 from taichi_plume.solvers.walls import Walls, distances
+
+
+@ti.func
+def remembered(u: Template, d: Template, I, dt, k):
+    """Return u_d at face I, the start of a step."""
+    return u[d][I]
+
+
+@ti.func
+def advanced(u: Template, u0: Template, rate: Template, d: Template, I, dt, k):
+    """Return u_d at face I after a stage of weight k, from u0 at the start of the step (low-storage Runge-Kutta)."""
+    return u0[d][I] + k * ((u[d][I] - u0[d][I]) + dt * rate[d][I])
+
+
+@ti.func
+def lost(m: Template, rate: Template, d: Template, begins: Template, K, a, b):
+    """Set `rate` at a face of axis d that an obstacle closes to the momentum that flows to it, per time and volume of a
+    whole cell [m/s²]; 0 at other faces.
+    """
+    I = K + ti.Vector(begins)
+    rate[d][I] = 0.0
+    if m.open[d][I] <= 0.0:
+        net = 0.0
+        for e in ti.static(range(m.dim)):
+            for side in range(2):
+                net += (1 - 2 * side) * flux(
+                    m, d, e, ti.static(d == e), I + side * ti.Vector.unit(m.dim, e, ti.i32)
+                )
+        rate[d][I] = net / m.dx
 
 
 @ti.data_oriented
@@ -122,96 +157,50 @@ class FlowSolver(Carrier):
     # ---------------------------------------------------------------- the step
 
     def _compile_step(self) -> None:
-        """Compile the kernels of a step from passes over the cells and faces, in the order of the scheme."""
-        m, grid, phi = self.momentum, self.grid, self._phi
-        ghosts, walls = Ghosts(self.boundaries, self.walls), self.walls
+        """List the passes over cells and faces of which a step consists, in the order of the scheme."""
+        m, grid, p, phi = self.momentum, self.grid, self.p, self._phi
         u, u0, rate = self.u, self._start, self._rate
+        ghosts, walls, surfaces = Ghosts(self.boundaries, self.walls), self.walls, self.surfaces
         axes, faces = range(self.dim), [grid.faces(d) for d in range(self.dim)]
-
-        def remembered(d: int) -> Callable:
-            @ti.func
-            def formula(I, dt, k):
-                return u[d][I]
-
-            return formula
-
-        def advanced(d: int) -> Callable:
-            @ti.func
-            def formula(I, dt, k):
-                return u0[d][I] + k * ((u[d][I] - u0[d][I]) + dt * rate[d][I])
-
-            return formula
-
-        @ti.func
-        def eddies(I, dt, k):
-            return eddy_viscosity(m, I)
-
-        @ti.func
-        def divergence(I, dt, k):
-            return net_inflow(m, I)
-
-        @ti.func
-        def new_pressure(I, dt, k):
-            return increased(m, phi, I, dt)
-
-        def on_faces(formula: Callable[[int], Callable], out: Faces) -> Pass:
-            return sweep([formula(d) for d in axes], out, *faces)
-
-        fluxes = [[terms.through(m, d, e, d == e > 0) for e in axes] for d in axes]
-        lasts = [terms.through(m, d, 0, d == 0) for d in axes]
-        tendency = flux_sweep(fluxes, lasts, [of_axis(terms.tendency, m, d) for d in axes], rate, *faces)
-
-        def lost(d: int) -> Callable:
-            begins = ti.Vector([begin for begin, _ in faces[d]])
-            through = [terms.through(m, d, e, d == e) for e in axes]
-
-            @ti.func
-            def store(K, a, b):  # the momentum that flows to faces that obstacles close, m/s² of a whole cell
-                I = K + begins
-                rate[d][I] = 0.0
-                if m.open[d][I] <= 0.0:
-                    net = 0.0
-                    for e in ti.static(axes):
-                        for side in range(2):
-                            net += (1 - 2 * side) * through[e](I + side * ti.Vector.unit(grid.dim, e, ti.i32))
-                    rate[d][I] = net / grid.dx
-
-            return store
-
-        fill = ghosts.filling_velocity(u)
         around = [(begin - 1, end + 1) for begin, end in grid.cells]
+
+        def on_faces(term: Callable, out: Faces, *parts: object) -> Pass:
+            return sweep([partial(term, *parts, d) for d in axes], out, *faces)
+
+        fluxes = [[partial(flux, m, d, e, d == e > 0) for e in axes] for d in axes]
+        lasts = [partial(flux, m, d, 0, d == 0) for d in axes]
+        tendencies = flux_sweep(fluxes, lasts, [partial(tendency, m, d) for d in axes], rate, *faces)
+        losses = visit(
+            [partial(lost, m, rate, d, tuple(begin for begin, _ in faces[d])) for d in axes],
+            [tuple(end - begin for begin, end in faces[d]) for d in axes],
+        )
+        slipping = surfaces.slipping if surfaces else lambda convection: [convection]
+        resisting = sum(resistance.cells for resistance in self.resistances)
+        fill = ghosts.filling_velocity(u)
         self._begin = launch(
-            on_faces(remembered, u0),
+            on_faces(remembered, u0, u),
             *(walls.measuring(u) if walls else []),
             *([ghosts.updating_losses(u, m)] if self.boundaries.has_loss else []),
-            ghosts.filling_pressure(self.p, True),
+            ghosts.filling_pressure(p, True),
         )
-        slipping = self.surfaces.slipping if self.surfaces else lambda convection: [convection]
         self._stage = launch(
             fill,
-            *([sweep([eddies], [self.nu], around)] if m.eddies else []),
+            *([sweep([partial(eddy_viscosity, m)], [self.nu], around)] if m.eddies else []),
             *([walls.extending(self.nu)] if walls else []),
-            *slipping(tendency),
-            *([Pass(self._slow, self.surfaces.cells)] if self.surfaces else []),
-            on_faces(advanced, u),
-            *(
-                [Pass(self._resist, sum(resistance.cells for resistance in self.resistances))]
-                if self.resistances
-                else []
-            ),
+            *slipping(tendencies),
+            *([Pass(self._slow, surfaces.cells)] if surfaces else []),
+            on_faces(advanced, u, u, u0, rate),
+            *([Pass(self._resist, resisting)] if self.resistances else []),
         )
         self._prescribe = launch(ghosts.prescribing(u, u0))
-        self._diverge = launch(sweep([divergence], [self._divergence], grid.cells))
+        self._diverge = launch(sweep([partial(net_inflow, m)], [self._divergence], grid.cells))
         self._correct = launch(
             ghosts.filling_pressure(phi, False),
-            on_faces(lambda d: correction(m, phi, d), u),
-            sweep([new_pressure], [self.p], around),
+            on_faces(corrected, u, m, phi),
+            sweep([partial(increased, m, phi)], [p], around),
         )
         self._finish = launch(fill, *self.limits.passes())
-        self._lose = launch(
-            *slipping(visit([lost(d) for d in axes], [tuple(b - a for a, b in faces[d]) for d in axes])),
-            *([Pass(self._add_loss, self.surfaces.cells)] if self.surfaces else []),
-        )
+        self._lose = launch(*slipping(losses), *([Pass(self._add_loss, surfaces.cells)] if surfaces else []))
 
     @ti.func
     def _slow(self, dt, k):

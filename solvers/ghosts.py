@@ -8,6 +8,7 @@ that parabola by the law of the wall beyond the viscous layer.
 """
 
 from collections.abc import Callable
+from functools import partial
 
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
@@ -29,20 +30,12 @@ class Ghosts:
     def _visit(
         self, body: Callable[..., None], field: Field, *given: Field | Faces | Momentum | bool
     ) -> Pass:
-        """Return the pass that calls ``body(*given, K, d, a)`` for all boundary faces K of each axis d.
+        """Return the pass that calls ``body(*given, d, K, a, b)`` for all boundary faces K of each axis d.
 
         K[d] is 0 on the lower side of the domain and 1 on the upper one; field: a padded field that is visited.
         """
-
-        def of_axis(d: int) -> Callable:
-            @ti.func
-            def visited(K, a, b):
-                body(*given, K, d, a)
-
-            return visited
-
         like = [(field, self.b.free[d]) for d in range(self.dim)]
-        return visit([of_axis(d) for d in range(self.dim)], self.b.sides, *like)
+        return visit([partial(body, *given, d) for d in range(self.dim)], self.b.sides, *like)
 
     def filling_velocity(self, u: Faces) -> Pass:
         """Return the pass that sets all ghost values of the face velocities u by the boundary conditions."""
@@ -67,7 +60,7 @@ class Ghosts:
         return self._visit(self._update_loss_at, u[0], u, m)
 
     @ti.func
-    def _prescribe_at(self, u: Template, u0: Template, K, d: Template, a: float):
+    def _prescribe_at(self, u: Template, u0: Template, d: Template, K, a, b):
         n = ti.static(self.grid.shape[d])
         D = ti.Vector.unit(self.dim, d, ti.i32)
         face = K + D * (self.grid.ghost + K[d] * n - K[d])
@@ -78,7 +71,7 @@ class Ghosts:
             u[d][face] = u0[d][face] + a * (self.b.target[d][K][d] - u0[d][face])
 
     @ti.func
-    def _fill_velocity_at(self, u: Template, K, d: Template, a: float):
+    def _fill_velocity_at(self, u: Template, d: Template, K, a, b):
         n = ti.static(self.grid.shape[d])
         g = ti.static(self.grid.ghost)
         D = ti.Vector.unit(self.dim, d, ti.i32)
@@ -143,7 +136,7 @@ class Ghosts:
         return wall, drawn
 
     @ti.func
-    def _fill_pressure_at(self, p: Template, with_ambient: Template, K, d: Template, a: float):
+    def _fill_pressure_at(self, p: Template, with_ambient: Template, d: Template, K, a, b):
         n = ti.static(self.grid.shape[d])
         D = ti.Vector.unit(self.dim, d, ti.i32)
         inner = K + D * (self.grid.ghost + K[d] * (n - 1) - K[d])
@@ -154,7 +147,7 @@ class Ghosts:
             p[outer] = 2.0 * self.b.ambient[d][K] * with_ambient - p[inner]
 
     @ti.func
-    def _update_loss_at(self, u: Template, m: Template, K, d: Template, dt: float):
+    def _update_loss_at(self, u: Template, m: Template, d: Template, K, dt, b):
         if self.b.free[d][K] == 1:
             n = ti.static(self.grid.shape[d])
             face = K + ti.Vector.unit(self.dim, d, ti.i32) * (self.grid.ghost + K[d] * n - K[d])

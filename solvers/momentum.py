@@ -6,7 +6,7 @@ Face I of axis d is the lower d-face of cell I; the volume around it reaches hal
 cut the grid, the flux through a side of that volume is multiplied by the air fraction of the side.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -215,7 +215,7 @@ def stress(m: Template, I, d: Template, e: Template):
 
 
 @ti.func
-def flux(m: Template, I, d: Template, e: Template, last: Template):
+def flux(m: Template, d: Template, e: Template, last: Template, I):
     """Return the flux of u_d [m²/s²], convection less stress, through the lower e-side of the volume around face I."""
     viscous = stress(m, I, d, e)
     return convective_flux(m, I, d, e, last) - viscous
@@ -256,7 +256,7 @@ def density(m: Template, I):
 
 
 @ti.func
-def tendency(m: Template, I, d: Template, net):
+def tendency(m: Template, d: Template, I, net, dt, k):
     """Return du_d/dt [m/s²] at face I, the right side of the momentum equation; 0 where the velocity is prescribed.
 
     net: sum of `flux` into the volume around the face.
@@ -272,27 +272,7 @@ def tendency(m: Template, I, d: Template, net):
 
 
 @ti.func
-def eddy_viscosity(m: Template, I):
+def eddy_viscosity(m: Template, I, dt, k):
     """Return the total viscosity of cell I [m²/s]: molecular viscosity plus eddy viscosity."""
     nu = m.viscosity[None]
     return nu + m.eddy_model(m, I)
-
-
-def through(m: Momentum, d: int, e: int, last: bool) -> Callable:
-    """Return a ti.func of a face of axis d: the flux of u_d through the lower e-side of the volume around it."""
-
-    @ti.func
-    def formula(I):
-        return flux(m, I, d, e, last)
-
-    return formula
-
-
-def of_axis(term: Callable, m: Momentum, d: int) -> Callable:
-    """Return a term of the momentum equation, (m, I, d, net), as the formula of a sweep over the faces of axis d."""
-
-    @ti.func
-    def formula(I, net, dt, k):
-        return term(m, I, d, net)
-
-    return formula

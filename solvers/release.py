@@ -9,6 +9,7 @@ connected to the ball's own cells: behind a thin wall nothing appears.
 """
 
 from collections.abc import Sequence
+from functools import partial
 from math import ceil
 
 import numpy as np
@@ -209,35 +210,28 @@ class Release:
 
     def adding(self, scalar: Scalar) -> Pass:
         """Return the pass that adds the release to a scalar (amount per volume) in the cells of the balls."""
-
-        @ti.func
-        def add(a, b):
-            self._add_to(scalar.q, scalar.rest)
-
-        return Pass(add, self.cells)
+        return Pass(partial(self._add_to, scalar.q, scalar.rest), self.cells)
 
     def filling(self, source: Field, room: Field) -> Pass:
         """Return the pass that sets the volume that the present amounts release in each cell [1/s], with a volume per
         amount and time `a`; room: air fraction of each cell, None if no cell is cut.
         """
-        cut = room is not None
-
-        @ti.func
-        def fill(a, b):
-            for _ in range(1):  # balls may share cells
-                for n in range(self._count[None]):
-                    source[self._cell[n]] = 0.0
-                for n in range(self._count[None]):
-                    I = self._cell[n]
-                    volume = ti.cast(self._amount[self._owner[n]] * self._share[n] * a, ti.f32)
-                    if ti.static(cut):
-                        volume *= room[I]
-                    source[I] += volume
-
-        return Pass(fill, self.cells)
+        return Pass(partial(self._fill, source, room is not None, room), self.cells)
 
     @ti.func
-    def _add_to(self, q: Template, rest: Template):
+    def _fill(self, source: Template, cut: Template, room: Template, a, b):
+        for _ in range(1):  # balls may share cells
+            for n in range(self._count[None]):
+                source[self._cell[n]] = 0.0
+            for n in range(self._count[None]):
+                I = self._cell[n]
+                volume = ti.cast(self._amount[self._owner[n]] * self._share[n] * a, ti.f32)
+                if ti.static(cut):
+                    volume *= room[I]
+                source[I] += volume
+
+    @ti.func
+    def _add_to(self, q: Template, rest: Template, a, b):
         for _ in range(1):  # balls may share cells
             for n in range(self._count[None]):
                 I = self._cell[n]

@@ -9,6 +9,7 @@ model, from `wall_law.transfer_velocity`. Surfaces that the scenario does not na
 """
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -167,24 +168,23 @@ class SurfaceExchange:
 
     def into(self, rate: Template, q: Template) -> Pass:
         """Return the pass that adds the flux from the surfaces to the rate of change of q, and to the total."""
+        return Pass(partial(self._exchange, rate, q), self.cells)
 
-        @ti.func
-        def exchange(h, stage):
-            self._given.begin(stage)
-            for n in range(self._rate.shape[0]):
-                I = self._cell[n]
-                given = self._gain[n] - self._rate[n] * q[I]
-                still = self._through(self.n.diffusivity[None] / ti.static(0.5 * self.grid.dx), n)
-                v = still
-                if ti.static(self.eddies):
-                    v = self._through(self._film_velocity(I), n)
-                implicit = 1.0 + h * ti.max(v - still, 0.0) * self._film[n]
-                given += v * (self._film_gain[n] - self._film[n] * q[I]) / implicit
-                rate[I] += given
-                self._given.add(given * self._stores[n])
-            self._given.end(h)
-
-        return Pass(exchange, self.cells)
+    @ti.func
+    def _exchange(self, rate: Template, q: Template, h, stage):
+        self._given.begin(stage)
+        for n in range(self._rate.shape[0]):
+            I = self._cell[n]
+            given = self._gain[n] - self._rate[n] * q[I]
+            still = self._through(self.n.diffusivity[None] / ti.static(0.5 * self.grid.dx), n)
+            v = still
+            if ti.static(self.eddies):
+                v = self._through(self._film_velocity(I), n)
+            implicit = 1.0 + h * ti.max(v - still, 0.0) * self._film[n]
+            given += v * (self._film_gain[n] - self._film[n] * q[I]) / implicit
+            rate[I] += given
+            self._given.add(given * self._stores[n])
+        self._given.end(h)
 
     @ti.func
     def _through(self, film, n):

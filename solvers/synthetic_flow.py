@@ -16,6 +16,8 @@ Lesieur 1992, doi:10.1017/S0022112092000733; C by Sreenivasan 1995, doi:10.1063/
 the eddy part over the turbulent Schmidt number, as in a computed flow.
 """
 
+from functools import partial
+
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
@@ -23,7 +25,7 @@ from taichi_plume.engine import ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import launch
+from taichi_plume.grid.kernels import Template, launch
 from taichi_plume.grid.rng import generator
 from taichi_plume.grid.sweeps import sweep
 from taichi_plume.grid.transfer import uploader
@@ -129,6 +131,11 @@ def as_fast(speed: float, square: float) -> float:
     return speed / float(np.sqrt(square)) if square > 0.0 else 0.0
 
 
+@ti.func
+def _between(before: Template, after: Template, I, share, _):
+    return before[I] + share * (after[I] - before[I])
+
+
 @ti.data_oriented
 class SyntheticSolver(Carrier):
     """Synthetic flow in a closed room, a sum of random waves and rolls; obstacles consist of whole cells.
@@ -190,20 +197,10 @@ class SyntheticSolver(Carrier):
                 self._before[d][I] = self._after[d][I]
 
     def _build_blending(self) -> None:
-        """Compile the kernel that interpolates u between the two key frames, ghost layers included."""
-
-        def of_axis(d: int):
-            before, after = self._before[d], self._after[d]
-
-            @ti.func
-            def between(I, share, _):
-                return before[I] + share * (after[I] - before[I])
-
-            return between
-
+        """Make the pass that interpolates u between the two key frames, ghost layers included."""
+        pairs = zip(self._before, self._after, strict=True)
         ranges = [(0, n) for n in self.grid.padded]
-        between = sweep([of_axis(d) for d in range(self.dim)], self.u, ranges)
-        self._blend = launch(between)
+        self._blend = launch(sweep([partial(_between, *pair) for pair in pairs], self.u, ranges))
 
     def _velocity(self, potential: Potential) -> list[np.ndarray]:
         return curl({m: self._ramp[m] * a for m, a in potential.items()}, self.grid.dx)

@@ -9,7 +9,7 @@ conserved for any number of steps and for changes of any size.
 """
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from math import ceil
 from typing import cast
 
@@ -114,7 +114,11 @@ class Transport:
             *([add_sources] if add_sources else []), sweep([self._present], [self._start], cells)
         )
         self._stage = launch(
-            visit([self._filling(d) for d in range(self.dim)], self._sides, *((self.q,) for _ in grid.shape)),
+            visit(
+                [partial(self._fill, d) for d in range(self.dim)],
+                self._sides,
+                *((self.q,) for _ in grid.shape),
+            ),
             sweep([self._tendency], [self.rate], cells),
             *([surfaces.into(self.rate, self.q)] if surfaces else []),
             Pass(self._count_outflow, grid.boundary_faces),
@@ -188,28 +192,24 @@ class Transport:
         q, rest = raised(self._start[I], self.rest[I], self.rate[I], h)
         return ti.Vector([q, ti.select(stage == LAST, rest, self.rest[I])])
 
-    def _filling(self, d: int) -> Callable:
-        """Return the body that fills ghost cells across axis d: zero gradient at outflow, inflow values, periodic."""
-        n, g = self.grid.shape[d], self.grid.ghost
-
-        @ti.func
-        def fill(J, h, stage):
-            D = ti.Vector.unit(self.dim, d, ti.i32)
-            outward = 2 * J[d] - 1
-            inner = J + g + D * J[d] * (n - 2)
-            if ti.static(self.grid.periodic[d]):
-                for m in ti.static(range(1, g + 1)):
-                    self.q[inner + D * outward * m] = self.q[inner - D * outward * (n - m)]
-            else:
-                out = self.wind.u[d][inner + D * J[d]] * outward
-                beyond = 0.0
-                if ti.static(len(self.inflow) > 0):
-                    beyond = self.inflow[d][J]
-                value = ti.select(out >= 0.0, self.q[inner], beyond)
-                for m in ti.static(range(1, g + 1)):
-                    self.q[inner + D * outward * m] = value
-
-        return fill
+    @ti.func
+    def _fill(self, d: Template, J, h, stage):
+        """Fill ghost cells across axis d: zero gradient at outflow, inflow values, periodic."""
+        n, g = ti.static(self.grid.shape[d], self.grid.ghost)
+        D = ti.Vector.unit(self.dim, d, ti.i32)
+        outward = 2 * J[d] - 1
+        inner = J + g + D * J[d] * (n - 2)
+        if ti.static(self.grid.periodic[d]):
+            for m in ti.static(range(1, g + 1)):
+                self.q[inner + D * outward * m] = self.q[inner - D * outward * (n - m)]
+        else:
+            out = self.wind.u[d][inner + D * J[d]] * outward
+            beyond = 0.0
+            if ti.static(len(self.inflow) > 0):
+                beyond = self.inflow[d][J]
+            value = ti.select(out >= 0.0, self.q[inner], beyond)
+            for m in ti.static(range(1, g + 1)):
+                self.q[inner + D * outward * m] = value
 
     @ti.func
     def _count_outflow(self, h, stage):

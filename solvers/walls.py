@@ -7,7 +7,7 @@ changes.
 """
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 from typing import cast
 
 import numpy as np
@@ -45,38 +45,29 @@ class Walls:
 
     def measuring(self, u: Field) -> list[Pass]:
         """Return the passes that compute `bend` and `viscosity` by the law of the wall for the velocities u."""
-
-        def of_axis(d: int) -> Callable:
-            @ti.func
-            def measure(K, a, b):
-                return self._measured(u, K, d)
-
-            return measure
-
         axes = [d for d in range(self.dim) if self.b.is_wall[d].any()]
         inner = {d: [(0, n - (a != d)) for a, n in enumerate(self.b.sides[d])] for d in axes}
-        return [sweep([of_axis(d)], [(self.bend[d], self.viscosity[d])], inner[d]) for d in axes]
+        return [
+            sweep([partial(self._measured, u, d)], [(self.bend[d], self.viscosity[d])], inner[d])
+            for d in axes
+        ]
 
     def extending(self, nu: Field) -> Pass:
         """Return the pass that sets the viscosity nu beyond the domain's faces: at walls such that the mean with the
         cell inside is that of the law, elsewhere as inside (zero gradient).
         """
-
-        def of_axis(d: int) -> Callable:
-            @ti.func
-            def extend(K, a, b):
-                first, outward = self.first_cell(K, d)
-                wall = self.b.mirror[d][K][d] < 0.0
-                nu[first + outward] = ti.select(wall, 2.0 * self.viscosity[d][K] - nu[first], nu[first])
-
-            return extend
-
         axes = [d for d in range(self.dim) if not self.grid.periodic[d]]
         return visit(
-            [of_axis(d) for d in axes],
+            [partial(self._extend, nu, d) for d in axes],
             [self.b.sides[d] for d in axes],
             *((nu, self.viscosity[d]) for d in axes),
         )
+
+    @ti.func
+    def _extend(self, nu: Template, d: Template, K, a, b):
+        first, outward = self.first_cell(K, d)
+        wall = self.b.mirror[d][K][d] < 0.0
+        nu[first + outward] = ti.select(wall, 2.0 * self.viscosity[d][K] - nu[first], nu[first])
 
     @ti.func
     def first_cell(self, K, d: Template):
@@ -86,7 +77,7 @@ class Walls:
         return K + D * (g + K[d] * (n - 1) - K[d]), D * (2 * K[d] - 1)
 
     @ti.func
-    def _measured(self, u: Template, K, d: Template):
+    def _measured(self, u: Template, d: Template, K, a, b):
         """Return (bend, viscosity [m²/s]) by the law of the wall in the first cell inside boundary face K of axis d."""
         cell, _ = self.first_cell(K, d)
         y = ti.static(0.5 * self.grid.dx)

@@ -6,7 +6,7 @@ d-face of cell I. Fields store axis 0 contiguously, where the domain is usually 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from math import prod
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field, Layout
-from taichi_plume.grid.kernels import launch
+from taichi_plume.grid.kernels import Template, launch
 from taichi_plume.grid.sweeps import sweep
 
 
@@ -31,6 +31,11 @@ def block_mean(values: np.ndarray, n: int | tuple[int, ...]) -> np.ndarray:
         [m for length, b in zip(values.shape, blocks, strict=True) for m in (length // b, b)]
     )
     return split.mean(axis=tuple(range(1, split.ndim, 2)))
+
+
+@ti.func
+def _toward(field: Template, goal: Template, I, share, _):
+    return (1.0 - share) * field[I] + share * goal[I]
 
 
 @dataclass(frozen=True)
@@ -147,16 +152,10 @@ class Grid:
 
     def blending(self, fields: Sequence[Field], goals: Sequence[Field]) -> Callable[[float], None]:
         """Return a function that moves `fields` by a fraction towards `goals`, ghost layers included; 1 is exact."""
-
-        def toward(field: Field, goal: Field) -> Callable:
-            @ti.func
-            def body(I, share, _):
-                return (1.0 - share) * field[I] + share * goal[I]
-
-            return body
-
         everywhere = [(0, n) for n in self.padded]
-        passes = [sweep([toward(f, g)], [f], everywhere) for f, g in zip(fields, goals, strict=True)]
+        passes = [
+            sweep([partial(_toward, f, g)], [f], everywhere) for f, g in zip(fields, goals, strict=True)
+        ]
         return launch(*passes)
 
     def largest_outflow(self, faces: Sequence[np.ndarray]) -> float:
