@@ -68,7 +68,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         rivals: bool = False,
         episodes: Trials | None = None,
     ):
-        self.clearance, self.rivals = clearance, rivals
+        self.clearance = clearance
         self.episodes = episodes
         self.apart = episodes is not None  # whether each trial restarts on its own
         self.groups: list[GroupRange] = ranges(groups, rivals)

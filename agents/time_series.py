@@ -11,6 +11,7 @@ cells N_j is the same everywhere: a list of (lag, offset, U), computed once. A r
 reach, so that runs of any length fit. T >= time_scale window, so that U is never infinite.
 """
 
+from functools import lru_cache
 from math import hypot
 
 import numpy as np
@@ -86,6 +87,7 @@ class TimeSeriesMap(SnapMap):
         )  # fmt: skip
 
 
+@lru_cache(maxsize=64)
 def neighbourhood(model: models.TimeSeriesMap, farthest: int) -> Stencil:
     """Return the stencil of eq 4, 5, 7: lag, offset and weight U per neighbour; farthest: largest offset [cells]."""
     reach = min(farthest, int(model.beta / model.alpha / model.cell) + 1)

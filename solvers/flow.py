@@ -79,7 +79,7 @@ class FlowSolver(Carrier):
     """Solver of the incompressible Navier–Stokes equations in a box with solid cells and openings; a `fields.Carrier`.
 
     Fields besides the carrier's: p [m²/s²]. boundaries: boundary conditions; heat: temperature of the air, None if not
-    computed; weighing: gases that change the density (buoyancy); resistances: screens, moving bodies.
+    computed; resistances: screens, moving bodies.
     """
 
     STATE = (

@@ -123,7 +123,7 @@ class Release:
         spreads balls of any radius, which lets the puffs of heaters (see `heat`) stir a cell's width around their ball.
         Raises ValueError for a ball that covers no air.
         """
-        self.name, self.grid, self.room = name, grid, room
+        self.grid, self.room = grid, room
         self._area = air.area
         self._amounts: list[float] = []
         self.balls = [self._cells_of(f"{name}[{n}]", ball, blurred) for n, ball in enumerate(balls)]
