@@ -6,6 +6,9 @@ from typing import Any
 
 import numpy as np
 import taichi
+from taichi.lang import impl
+
+from taichi_plume.engine.process import EngineError
 
 KINDS = {
     taichi.f16: np.float16,
@@ -51,16 +54,23 @@ class Field:
         self.apart = n > 0 and layout.first_axis_contiguous
         length = layout.length
         self._shape = (n * length,) if self.apart else (length, n) if n else (length,)
+        self.flat: np.ndarray | None = None
         if on_cpu():
-            self.flat: Any = np.zeros(self._shape, KINDS[dtype])
-            self.memory = self.flat
+            self.flat = np.zeros(self._shape, KINDS[dtype])
         else:
-            self.flat = None
             several = len(self._shape) == 2
-            self.memory = (
+            self._device = (
                 taichi.Vector.ndarray(n, dtype, length) if several else taichi.ndarray(dtype, *self._shape)
             )
-            self.memory.fill(0)
+            self._device.fill(0)
+            self._program = impl.get_runtime().prog
+
+    @property
+    def device(self) -> Any:
+        """Memory of the device. Raises EngineError if Taichi was restarted, which frees this memory."""
+        if impl.get_runtime().prog is not self._program:
+            raise EngineError
+        return self._device
 
     def _shaped(self, flat: np.ndarray) -> np.ndarray:
         """Return the view of the memory, or of a copy of it, that has the field's shape."""
@@ -72,7 +82,7 @@ class Field:
     @property
     def values(self) -> np.ndarray:
         """Values of the field: a view of its memory on a CPU, a copy elsewhere."""
-        return self._shaped(self.memory.to_numpy() if self.flat is None else self.flat)
+        return self._shaped(self.device.to_numpy() if self.flat is None else self.flat)
 
     def to_numpy(self) -> np.ndarray:
         """Return a copy of the values."""
@@ -85,7 +95,7 @@ class Field:
             return
         flat = np.empty(self._shape, KINDS[self.dtype])
         self._shaped(flat)[...] = values
-        self.memory.from_numpy(flat)
+        self.device.from_numpy(flat)
 
     fill = from_numpy
 

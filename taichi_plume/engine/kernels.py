@@ -164,7 +164,7 @@ class Bound:
 
 def _put_field(context: Any, n: int, field: Field) -> None:
     if field.flat is None:
-        context.set_arg_ndarray((n,), field.memory.arr)
+        context.set_arg_ndarray((n,), field.device.arr)
     else:
         flat = field.flat
         context.set_arg_external_array_with_shape((n,), flat.ctypes.data, flat.nbytes, (len(flat),), 0)
@@ -216,6 +216,10 @@ class Kernel:
 
     def bind(self, *parts: Any, arguments: Sequence[Any] = (), key: Any = None) -> Bound:
         """Return the kernel with its parts, compiled if no instance fits."""
+        if impl.get_runtime().prog is None:
+            from taichi_plume.engine.program import start  # which imports this module
+
+            start()
         kinds = self.kinds_of(arguments) if arguments else ()
         parts = (self.function, *parts)
         known = _instances.setdefault((impl.get_runtime().prog, self.function.__code__, key, kinds), [])

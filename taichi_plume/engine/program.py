@@ -14,7 +14,7 @@ from taichi.lang import impl
 
 from taichi_plume.engine import kernels, tracing  # noqa: F401  it makes the tracing of kernels quicker
 from taichi_plume.engine.fields import on_cpu
-from taichi_plume.engine.process import require_usable
+from taichi_plume.engine.process import require_no_fork
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import LONGEST_VALUE, say, visible
 
@@ -32,9 +32,9 @@ class DeviceError(InputError, RuntimeError):
 def start(arch: str = "cpu", debug: bool = False, threads: int | None = None) -> str:
     """Initialise Taichi on `arch` (auto, cpu, cuda, vulkan, metal) and return the backend that Taichi chose.
 
-    threads: number of CPU threads, by default one per core. If Taichi already runs with the same arguments and fields
-    in use, only the memory of other fields is freed. Otherwise Taichi restarts, and simulations assembled before raise
-    EngineError. Raises DeviceError if there is no such device; Taichi is then not running.
+    threads: number of CPU threads, by default one per core. If Taichi already runs with the same arguments, nothing is
+    done. Otherwise it restarts: simulations on the CPU go on, those on a device raise EngineError. Raises DeviceError
+    if there is no such device; Taichi is then not running.
     """
     known = {
         "auto": taichi.gpu,
@@ -45,7 +45,7 @@ def start(arch: str = "cpu", debug: bool = False, threads: int | None = None) ->
     }
     if not isinstance(arch, str) or arch not in known:
         raise DeviceError(f"got '{visible(arch, LONGEST_VALUE)}', allowed are {', '.join(known)}")
-    require_usable(in_use=False)
+    require_no_fork()
     if not is_running() or _started != [impl.get_runtime().prog, arch, debug, threads]:
         try:
             _restart(known[arch], debug, threads)

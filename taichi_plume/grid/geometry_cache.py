@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-MOST = 4  # results per function
+MOST = 2  # results per function
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

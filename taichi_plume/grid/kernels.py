@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field, on_cpu
 from taichi_plume.engine.kernels import Kernel, data_flow_by_llvm
-from taichi_plume.engine.process import EngineError
-from taichi_plume.engine.program import is_running
 from taichi_plume.engine.trace import code
 
 if TYPE_CHECKING:
@@ -100,8 +98,6 @@ def _launcher(passes: Sequence[Pass]) -> Callable[..., None]:
     def run(a: float = 0.0, b: float = 0.0) -> None:
         nonlocal bound
         if bound is None or not bound.usable:
-            if not is_running():
-                raise EngineError
             bound = _PASSES.bind(parts, serial, key=tuple(code(part.run) for part in parts))
         bound(a, b)
 

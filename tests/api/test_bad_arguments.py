@@ -10,7 +10,7 @@ import pytest
 from test_changes import DATA
 
 import taichi_plume as tp
-from taichi_plume.engine.process import ThreadError
+from taichi_plume.engine.process import TurnError
 
 HUGE = 10**5000
 SEVEN: Any = np.int64(7)  # numpy's numbers pass, although the signatures name Python's types
@@ -157,7 +157,7 @@ def test_one_thread_at_a_time_steps():
         first.run()  # calls at the start and at the end
         assert len(caught) == 10
         for error in caught:
-            assert isinstance(error, ThreadError)
+            assert isinstance(error, TurnError)
             assert "thread" in str(error)
         assert second.t == 0.0
         threads.submit(second.run).result()
