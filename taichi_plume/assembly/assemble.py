@@ -1,7 +1,9 @@
 """Assembly of a `TimeLoop` (grid, wind, gas, robots, sensors) from a checked scenario."""
 
+import gc
 from collections.abc import Callable, Sequence
 from functools import partial
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +51,8 @@ from taichi_plume.solvers.screens import Resistance
 from taichi_plume.solvers.transport import Scalar
 from taichi_plume.time_loop import TimeLoop
 
+LARGE = 100_000  # cells of a simulation whose memory is freed before the next is built
+
 
 def assemble(
     scenario: Scenario,
@@ -84,6 +88,8 @@ def build(
     `TimeLoop.rebuild`. Raises ScenarioError if robots do not fit, or nothing drives them.
     """
     scenario, resources = prepared
+    if prod(scenario.domain.shape) > LARGE:
+        gc.collect()  # earlier simulations: their parts refer to each other
     own, networks, recorded = _drivers(scenario, resources, driven)
     grid, air = _box(scenario, resources)
     cubes = resources.site.cubes if resources.site else None
