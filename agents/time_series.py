@@ -87,17 +87,23 @@ class TimeSeriesMap(SnapMap):
         )  # fmt: skip
 
 
-@lru_cache(maxsize=64)
 def neighbourhood(model: models.TimeSeriesMap, farthest: int) -> Stencil:
     """Return the stencil of eq 4, 5, 7: lag, offset and weight U per neighbour; farthest: largest offset [cells]."""
-    reach = min(farthest, int(model.beta / model.alpha / model.cell) + 1)
+    return _stencil(model.alpha, model.beta, model.cell, model.time_scale, model.window, farthest)
+
+
+@lru_cache(maxsize=64)
+def _stencil(
+    alpha: float, beta: float, cell: float, time_scale: float, window: float, farthest: int
+) -> Stencil:
+    reach = min(farthest, int(beta / alpha / cell) + 1)
     result: Stencil = []
     lag = 1
-    while (age := (1 - model.alpha) * model.time_scale * lag * model.window) < model.beta - models.BORDER:
+    while (age := (1 - alpha) * time_scale * lag * window) < beta - models.BORDER:
         for dx in range(-reach, reach + 1):
             for dy in range(-reach, reach + 1):
-                dist = model.alpha * model.cell * hypot(dx, dy) + age
-                if dist < model.beta - models.BORDER:
+                dist = alpha * cell * hypot(dx, dy) + age
+                if dist < beta - models.BORDER:
                     result.append((lag, dx, dy, 1 / dist))
         lag += 1
     return result

@@ -36,7 +36,7 @@ def geometry_cached(function: Function) -> Function:
 def _key(value: Any) -> Hashable:
     if isinstance(value, np.ndarray):
         content = np.ascontiguousarray(value)
-        return content.shape, str(content.dtype), blake2b(content, digest_size=16).digest()
+        return content.shape, str(content.dtype), blake2b(content.data, digest_size=16).digest()
     if isinstance(value, list | tuple):
         return tuple(map(_key, value))
     return value
