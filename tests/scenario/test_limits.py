@@ -5,11 +5,19 @@ from typing import Annotated, Any, get_args, get_origin
 import pytest
 from annotated_types import MaxLen
 from pydantic import TypeAdapter, ValidationError
-from test_reset import vocabulary
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.key_facts import _numbers, _whole
-from taichi_plume.scenario.vocabulary import PER_AXIS, PER_FACE, vector
+from taichi_plume.scenario.keys import places
+from taichi_plume.scenario.vocabulary import PER_AXIS, PER_FACE, Model, vector
+
+
+def vocabulary() -> list[type[Model]]:
+    """All sections, by their names."""
+    return sorted(
+        {model for place in places().values() for model in place.models}, key=lambda model: model.__name__
+    )
+
 
 NUMBERS = [
     (f"{model.__name__}.{key}", Annotated[(kind, *marks)] if marks else kind)
