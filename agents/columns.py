@@ -7,6 +7,7 @@ write the quantity.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -45,7 +46,7 @@ class Column:
     def __set_name__(self, owner: type, name: str) -> None:
         self.name, self.key = name, self.key.replace("*", name)
 
-    def __get__(self, instance: object, owner: type) -> Field:
+    def __get__(self, instance: object, owner: type) -> Any:
         return self  # of the class; a swarm's own attribute of this name is its field
 
     @property

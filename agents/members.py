@@ -21,7 +21,7 @@ class OfGroup:
     single.
     """
 
-    def __init__(self, table: Field, group: Field):
+    def __init__(self, table: Field, group: Field | None):
         self.table, self.group = table, group
 
     def __getitem__(self, at: object) -> Field:
@@ -30,7 +30,7 @@ class OfGroup:
         return impl.subscript(None, self.table, row, *rest)
 
 
-def group_rows(sizes: Sequence[int]) -> Field:
+def group_rows(sizes: Sequence[int]) -> Field | None:
     """Return a field with the group index of each robot, for groups of these sizes; None with fewer than two groups."""
     if len(sizes) < 2:
         return None

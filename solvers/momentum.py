@@ -8,6 +8,7 @@ cut the grid, the flux through a side of that volume is multiplied by the air fr
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -63,7 +64,7 @@ class BuoyantScalar:
 
     field: Field
     weight: float
-    source: Field = None
+    source: Field | None = None
 
 
 class Momentum:
@@ -123,7 +124,7 @@ class Momentum:
         self.eddies = nu is not None
         self.rough = model.roughness is not None
         self.distance = self.mixing = None
-        self._near: Field = None  # distance, on the padded grid
+        self._near: Any = None  # distance, on the padded grid
         if distance is not None:
             self._near = grid.pad(distance)
             self.distance, self.mixing = put(self._near), grid.field()

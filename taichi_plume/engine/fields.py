@@ -60,7 +60,7 @@ class Field:
         else:
             several = len(self._shape) == 2
             self._device = (
-                taichi.Vector.ndarray(n, dtype, length) if several else taichi.ndarray(dtype, *self._shape)
+                taichi.Vector.ndarray(n, dtype, length) if several else taichi.ndarray(dtype, self._shape)
             )
             self._device.fill(0)
             self._program = impl.get_runtime().prog

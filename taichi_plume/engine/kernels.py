@@ -87,7 +87,8 @@ class Instance:
                     for name in kernel.scalars:
                         kind = annotations[name]
                         if isinstance(kind, ndarray_type.NdarrayType):
-                            value: Any = declare_array(*next(arrays), name)
+                            dtype, ndim = next(arrays)
+                            value: Any = declare_array(dtype, 0, ndim, name)
                         elif isinstance(kind, MatrixType):
                             value = kernel_arguments.decl_matrix_arg(kind, name, 0)
                         else:
@@ -207,9 +208,9 @@ class Kernel:
         self.__doc__ = function.__doc__
 
     def kinds_of(self, arguments: Sequence[Any]) -> tuple:
-        """Return dtype, components and axes of each array argument."""
+        """Return dtype and number of axes of each array argument."""
         return tuple(
-            (DTYPES[value.dtype], 0, value.ndim)
+            (DTYPES[value.dtype], value.ndim)
             for value, kind in zip(arguments, self.scalar_annotations, strict=True)
             if isinstance(kind, ndarray_type.NdarrayType)
         )

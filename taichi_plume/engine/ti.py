@@ -1,6 +1,6 @@
 """Taichi's names, with the engine's fields and kernels: all other modules import `ti` from here."""
 
-from typing import Any
+from typing import Any, TypeVar
 
 import taichi
 from taichi import *  # noqa: F403
@@ -11,8 +11,10 @@ from taichi_plume.engine.fields import Field, field, vector_field  # noqa: F401
 from taichi_plume.engine.kernels import kernel  # noqa: F401
 from taichi_plume.engine.trace import static  # noqa: F401
 
+Kind = TypeVar("Kind", bound=type)
 
-def data_oriented(kind: type) -> type:
+
+def data_oriented(kind: Kind) -> Kind:  # pyright: ignore
     """Class decorator of parts: objects of the class may be arguments of kernels."""
     kind._data_oriented = True  # type: ignore[attr-defined]
     return kind

@@ -43,7 +43,7 @@ class Trace:
     def __init__(self, parts: Sequence[Any]):
         Trace.current = self
         self.values: Values = list(parts)
-        self.steps: list[tuple[int, Callable[[Any, Any], Any], Any, Callable[[Any], bool] | None]] = []
+        self.steps: list[tuple[int, Callable[[Any, Any], Any], Any, Any]] = []
         self.seen: dict[Any, Any] = {}
         self.arguments: dict[Any, tuple[Expr | AnyArray, Callable[[Values], Any], str]] = {}
         self.numbers: dict[Any, Any] = {}
@@ -138,7 +138,7 @@ class Trace:
         self.loaded[str(dtype)] = loaded = Loaded(dtype, count, f"a{len(self.arguments)}")
         self.arguments["loaded", str(dtype)] = loaded.structure, loaded.compute, f"struct_{_setter(dtype)}"
 
-    def array(self, index: int, field: Field) -> AnyArray:
+    def array(self, index: int, field: Field) -> Any:
         """Return the expression of an array argument for the field at a node."""
         place = ("field", id(field))
         if place not in self.arguments:
@@ -208,7 +208,7 @@ class Loaded:
         elements = [
             Expr(core.make_get_element_expr(self.structure.ptr, (k,), _NOWHERE)) for k in range(count)
         ]
-        self.variables = [impl.expr_init(element) for element in elements]
+        self.variables: list[Any] = [impl.expr_init(element) for element in elements]
         self.members: list[Callable[[Values], Any]] = []
 
     def take(self, compute: Callable[[Values], Any]) -> Expr:
@@ -250,7 +250,7 @@ def _entry(value: Matrix, n: int) -> Any:
 
 
 def _closed_over(function: Any, n: int) -> Any:
-    return raw(function).__closure__[n].cell_contents
+    return (raw(function).__closure__ or ())[n].cell_contents
 
 
 def raw(function: Any) -> types.FunctionType:
@@ -527,7 +527,7 @@ def _indices(I: Any) -> list[Any]:
 class Components(Expr):
     """Vector whose components are known while a kernel is traced; used otherwise, it is a vector of Taichi."""
 
-    n = 0
+    n: Any = 0  # pyright: ignore
     dtype: Any = None
 
     def component(self, d: int) -> Any:

@@ -58,7 +58,8 @@ class HorizontalDistances:
         self.has_obstacles = bool(shapes)
         size = (self.high[0] - self.low[0], self.high[1] - self.low[1])
         self.resolution = resolution if shapes else max(size)
-        self.nodes = tuple(max(2, ceil(length / self.resolution - 1e-9) + 1) for length in size)
+        across, along = (max(2, ceil(length / self.resolution - 1e-9) + 1) for length in size)
+        self.nodes = across, along
         self._values = _lower_bounds(shapes, self.low, self.nodes, self.resolution, ranges)
         self.values = ti.field(ti.f32, self._values.shape)
         uploader(self.values)(self._values)

@@ -5,7 +5,7 @@ recording of an earlier run are thus interchangeable, in 2-D and 3-D. Winds and 
 """
 
 from collections.abc import Sequence
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -76,7 +76,7 @@ class Carrier(Wind, Protocol):
     area: tuple[Field, ...] | None = None
     """Fields like u: area fraction of each face that is air, 0 to 1; None if no face is cut."""
 
-    nu: Field = None
+    nu: Any = None
     """Cell field: molecular and eddy viscosity [m²/s], at least `viscosity` after the first step; None without a
     turbulence model, which is fixed at construction."""
 

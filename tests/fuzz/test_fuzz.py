@@ -37,6 +37,6 @@ def test_damaged_files_are_read_or_refused_with_a_line(damaging, name):
 
 def test_mutants_load_or_are_refused_and_those_accepted_run(tmp_path):
     fuzzing = Fuzzing(tmp_path, seed=4)
-    accepted: dict[int, str] = {}
+    accepted: list[int] = []
     assert faults(fuzzing.loaded(range(MUTANTS), accepted), {"accepted", "refused"}) == ""
     assert faults(fuzzing.run(accepted, RUN), {"accepted"}) == ""
