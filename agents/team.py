@@ -1,6 +1,7 @@
 """Team: the robots that one search algorithm drives, and their wait before the search starts."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from taichi_plume.agents.algorithm import Algorithm
 from taichi_plume.agents.algorithm_table import ALGORITHMS
@@ -89,7 +90,7 @@ def teams(
     own: Mapping[str, type] | None = None,
     networks: Mapping[str, Network] | None = None,
     ways: Mapping[str, Sequence[Way]] | None = None,
-    before: Sequence[Team] = (),
+    before: Sequence[Any] = (),
 ) -> list[Team]:
     """Return a `Team` (groups and the algorithm that drives them) per kind of algorithm and start time, or per group.
 

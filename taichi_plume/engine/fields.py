@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from math import prod
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import taichi
@@ -40,8 +40,8 @@ class Layout:
         self.length = prod(self.shape)
 
 
-class Field:
-    """Field of numbers, or of vectors of n numbers, over a layout. Inside kernels, ``field[I]``.
+class ArrayField:
+    """ArrayField of numbers, or of vectors of n numbers, over a layout. Inside kernels, ``field[I]``.
 
     Vectors lie side by side in memory or, over a layout with a contiguous first axis, their components lie apart, so
     that loops along this axis are vectorised. On the host ``values`` is an array with the field's shape, and a last
@@ -99,7 +99,7 @@ class Field:
 
     fill = from_numpy
 
-    def copy_from(self, other: "Field") -> None:
+    def copy_from(self, other: "ArrayField") -> None:
         """Set the values to those of another field."""
         self.from_numpy(other.values)
 
@@ -114,13 +114,17 @@ class Field:
             self.from_numpy(values)
 
 
+Field: TypeAlias = Any
+"""Field in annotations: its type is opaque to type checkers, as kernels index it by vectors."""
+
+
 def field(dtype: Any, shape: int | Sequence[int] = (), order: str | None = None) -> Field:
     """Return a new field of zeros; order "kji" stores the first axis contiguously."""
     shape = (shape,) if isinstance(shape, int | np.integer) else tuple(shape)
-    return Field(dtype, Layout(shape, order is not None and order != "".join(sorted(order))))
+    return ArrayField(dtype, Layout(shape, order is not None and order != "".join(sorted(order))))
 
 
 def vector_field(n: int, dtype: Any, shape: int | Sequence[int] = (), order: str | None = None) -> Field:
     """Return a new field of vectors of n numbers."""
     shape = (shape,) if isinstance(shape, int | np.integer) else tuple(shape)
-    return Field(dtype, Layout(shape, order is not None and order != "".join(sorted(order))), n)
+    return ArrayField(dtype, Layout(shape, order is not None and order != "".join(sorted(order))), n)

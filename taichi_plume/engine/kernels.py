@@ -18,7 +18,7 @@ from taichi.lang.matrix import MatrixType
 from taichi.lang.util import cook_dtype
 from taichi.types import ndarray_type
 
-from taichi_plume.engine.fields import KINDS, Field, on_cpu
+from taichi_plume.engine.fields import KINDS, ArrayField, on_cpu
 from taichi_plume.engine.trace import Trace, _same, _setter, declare_array
 
 DTYPES = {np.dtype(kind): dtype for dtype, kind in KINDS.items()}
@@ -163,7 +163,7 @@ class Bound:
         return None
 
 
-def _put_field(context: Any, n: int, field: Field) -> None:
+def _put_field(context: Any, n: int, field: ArrayField) -> None:
     if field.flat is None:
         context.set_arg_ndarray((n,), field.device.arr)
     else:

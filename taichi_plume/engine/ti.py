@@ -3,11 +3,11 @@
 from typing import Any, TypeVar
 
 import taichi
-from taichi import *  # noqa: F403
+from taichi import *  # noqa: F403  # pyright: ignore[reportAssignmentType]
 from taichi import _lib, func, math, types  # noqa: F401
 
 from taichi_plume.engine.cells import along, load_numbers, row  # noqa: F401
-from taichi_plume.engine.fields import Field, field, vector_field  # noqa: F401
+from taichi_plume.engine.fields import field, vector_field  # noqa: F401
 from taichi_plume.engine.kernels import kernel  # noqa: F401
 from taichi_plume.engine.trace import static  # noqa: F401
 

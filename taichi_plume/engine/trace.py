@@ -27,7 +27,7 @@ from taichi.lang.kernel_impl import Func
 from taichi.lang.matrix import Matrix, MatrixType, make_matrix
 from taichi.lang.struct import StructType
 
-from taichi_plume.engine.fields import Field
+from taichi_plume.engine.fields import ArrayField
 
 Values = list[Any]
 
@@ -85,7 +85,7 @@ class Trace:
         if kind is dict:
             index = self.node(parent, step, key, value, _WithKeys(tuple(value)))
             return {name: self.wrap(index, operator.getitem, name, entry) for name, entry in value.items()}
-        if isinstance(value, Field):
+        if isinstance(value, ArrayField):
             index = self.node(parent, step, key, value, _LikeField(value))
             return View(self, index, value)
         if isinstance(value, Matrix):
@@ -138,7 +138,7 @@ class Trace:
         self.loaded[str(dtype)] = loaded = Loaded(dtype, count, f"a{len(self.arguments)}")
         self.arguments["loaded", str(dtype)] = loaded.structure, loaded.compute, f"struct_{_setter(dtype)}"
 
-    def array(self, index: int, field: Field) -> Any:
+    def array(self, index: int, field: ArrayField) -> Any:
         """Return the expression of an array argument for the field at a node."""
         place = ("field", id(field))
         if place not in self.arguments:
@@ -153,7 +153,7 @@ class Trace:
                 self.alike(first, index)
         return self.arguments[place][0]
 
-    def fixed(self, field: Field) -> "View":
+    def fixed(self, field: ArrayField) -> "View":
         """Return the stand-in for a field that is no part of an argument."""
         return self.wrap(0, _Fixed(field), None, field)
 
@@ -224,10 +224,10 @@ class Loaded:
 class _Fixed:
     """Step to a certain field."""
 
-    def __init__(self, field: Field):
+    def __init__(self, field: ArrayField):
         self.field = field
 
-    def __call__(self, value: Any, _: Any) -> Field:
+    def __call__(self, value: Any, _: Any) -> ArrayField:
         return self.field
 
     def __eq__(self, other: object) -> bool:
@@ -288,15 +288,15 @@ class _WithKeys:
 
 
 class _LikeField:
-    def __init__(self, field: Field):
+    def __init__(self, field: ArrayField):
         self.like = self._kind(field)
 
     @staticmethod
-    def _kind(field: Field) -> tuple:
+    def _kind(field: ArrayField) -> tuple:
         return field.dtype, field.n, len(field.shape), field.layout.first_axis_contiguous
 
     def __call__(self, value: Any) -> bool:
-        return isinstance(value, Field) and self._kind(value) == self.like
+        return isinstance(value, ArrayField) and self._kind(value) == self.like
 
 
 class _Calls:
@@ -455,13 +455,13 @@ class View:
 
     _data_oriented = True
 
-    def __init__(self, trace: Trace, index: int, field: Field):
+    def __init__(self, trace: Trace, index: int, field: ArrayField):
         self._trace, self._index, self._field = trace, index, field
         self.n, self.m, self.dtype = field.n, 1, field.dtype
 
     @property
     def __class__(self) -> Any:  # pyright: ignore
-        return Field
+        return ArrayField
 
     @property
     def shape(self) -> tuple:
@@ -704,7 +704,7 @@ def _subscript(
     """Subscript as Taichi does; a number that selects a vector's component, or a tuple's entry, is a constant."""
     if isinstance(value, Components) and len(indices) == 1 and isinstance(indices[0], int | Number):
         return value.component(operator.index(indices[0]))
-    if type(value) is Field:  # reached through a global variable: always this field
+    if type(value) is ArrayField:  # reached through a global variable: always this field
         value = Trace.current.fixed(value)
     if type(value) in (tuple, list, dict) or (isinstance(value, Expr) and not isinstance(value, Number)):
         indices = tuple(index.constant() if isinstance(index, Number) else index for index in indices)

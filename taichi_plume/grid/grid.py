@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.engine import ti
-from taichi_plume.engine.fields import Field, Layout
+from taichi_plume.engine.fields import ArrayField, Field, Layout
 from taichi_plume.grid.kernels import Template, launch
 from taichi_plume.grid.sweeps import sweep
 
@@ -102,11 +102,11 @@ class Grid:
 
     def field(self, shape: tuple[int, ...] = (), dtype: object = ti.f32) -> Field:
         """Return a new scalar field over the padded grid (or `shape`), axis 0 contiguous."""
-        return Field(dtype, self.layout(shape or self.padded))
+        return ArrayField(dtype, self.layout(shape or self.padded))
 
     def vector_field(self, shape: tuple[int, ...]) -> Field:
         """Return a new field of vectors (dim,) over `shape`, with the memory layout of `field`."""
-        return Field(ti.f32, self.layout(shape), self.dim)
+        return ArrayField(ti.f32, self.layout(shape), self.dim)
 
     def faces_field(self) -> tuple[Field, ...]:
         """Return a new scalar field over the faces of each axis, as a tuple."""

@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from taichi_plume.engine import ti
-from taichi_plume.engine.fields import Field
+from taichi_plume.engine.fields import ArrayField, Field
 
 
 def saves_itself(value: object) -> bool:
@@ -61,7 +60,7 @@ def _split(piece: _Piece) -> Iterator[_Piece]:
 def _has_parts(values: Iterable[object]) -> bool:
     """Return whether a list, tuple or dict holds fields or components with a STATE, at any depth."""
     return any(
-        isinstance(value, ti.Field)
+        isinstance(value, ArrayField)
         or hasattr(value, "STATE")
         or (isinstance(value, list | tuple | dict) and _has_parts(value))
         for value in (values.values() if isinstance(values, dict) else values)
@@ -75,7 +74,7 @@ class State:
         self.part = part
         fields: dict[int, tuple[str, Field]] = {}
         for piece in self._walk():
-            if isinstance(piece.value, ti.Field):
+            if isinstance(piece.value, ArrayField):
                 fields.setdefault(id(piece.value), (piece.path, piece.value))
         self.paths = [path for path, _ in fields.values()]
         self._fields = [field for _, field in fields.values()]
@@ -121,4 +120,4 @@ class State:
         return list(_pieces(self.part, type(self.part).__name__))
 
     def _on_host(self) -> list[_Piece]:
-        return [piece for piece in self._walk() if not isinstance(piece.value, ti.Field)]
+        return [piece for piece in self._walk() if not isinstance(piece.value, ArrayField)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from taichi_plume.engine import program, ti
-from taichi_plume.engine.fields import Field, Layout
+from taichi_plume.engine.fields import ArrayField, Layout
 from taichi_plume.grid.kernels import Template
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -17,7 +17,7 @@ class Part:
 
     def __init__(self, shape, scale=2.0, adds=False, others=1, seed=1):
         self.layout = Layout(shape, first_axis_contiguous=True)
-        self.x, self.y = (Field(ti.f32, self.layout) for _ in range(2))
+        self.x, self.y = (ArrayField(ti.f32, self.layout) for _ in range(2))
         self.x.from_numpy(np.random.default_rng(seed).normal(size=shape))
         self.shape, self.scale, self.adds = shape, scale, adds
         self.others = tuple(ti.field(ti.f32, ()) for _ in range(others))
@@ -138,7 +138,7 @@ def spread(field: Template, D: Template):
 
 
 def test_cells_of_rows_are_the_indices_that_they_stand_for():
-    field = Field(ti.f32, Layout((3, 4), first_axis_contiguous=True))
+    field = ArrayField(ti.f32, Layout((3, 4), first_axis_contiguous=True))
     spread(field, 3)
     i, j = np.indices((3, 4))
     np.testing.assert_array_equal(field.to_numpy(), 100.0 * i + 10.0 * j + j + 6)
@@ -152,7 +152,7 @@ def test_a_component_of_a_cell_cannot_be_set():
             I[1] = 0
 
     with pytest.raises(ti.TaichiSyntaxError, match="non-writable"):
-        wrong(Field(ti.f32, Layout((3, 4), first_axis_contiguous=True)))
+        wrong(ArrayField(ti.f32, Layout((3, 4), first_axis_contiguous=True)))
 
 
 @pytest.mark.cpu
