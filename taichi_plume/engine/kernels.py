@@ -18,6 +18,7 @@ from taichi.lang.matrix import MatrixType
 from taichi.lang.util import cook_dtype
 from taichi.types import ndarray_type
 
+from taichi_plume.engine import process
 from taichi_plume.engine.fields import KINDS, ArrayField, on_cpu
 from taichi_plume.engine.trace import Trace, _same, _setter, declare_array
 
@@ -135,8 +136,8 @@ class Bound:
 
     @property
     def usable(self) -> bool:
-        """Whether Taichi has not been restarted."""
-        return self.program is impl.get_runtime().prog
+        """Whether Taichi has not been restarted, in a process that was not forked since."""
+        return self.program is impl.get_runtime().prog and not process.forked
 
     def _context(self) -> Any:
         context = self.instance.traced.make_launch_context()
@@ -217,6 +218,7 @@ class Kernel:
 
     def bind(self, *parts: Any, arguments: Sequence[Any] = (), key: Any = None) -> Bound:
         """Return the kernel with its parts, compiled if no instance fits."""
+        process.require_no_fork()
         if impl.get_runtime().prog is None:
             from taichi_plume.engine.program import start  # which imports this module
 

@@ -54,7 +54,7 @@ def _reset(plain: Callable = impl.reset) -> None:
 
 def require_no_fork() -> None:
     """Raise ForkError in a process that was forked after Taichi was started."""
-    if _forked:
+    if forked:
         raise ForkError
 
 
@@ -73,11 +73,11 @@ def one_thread() -> Iterator[None]:
 
 
 def _after_fork() -> None:
-    global _forked
-    _forked = impl.get_runtime().prog is not None
+    global forked
+    forked = impl.get_runtime().prog is not None
 
 
-_forked = False
+forked = False
 if "register_at_fork" in vars(os):  # not on Windows
     os.register_at_fork(after_in_child=_after_fork)
 impl.reset = _reset

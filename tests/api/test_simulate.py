@@ -172,20 +172,16 @@ def test_a_failed_run_keeps_its_files_and_names_them(taichi, tmp_path):
 
 
 @pytest.mark.slow
-def test_another_thread_and_a_fork_get_one_clear_error(run, tmp_path):
+def test_another_thread_simulates_and_a_fork_gets_one_clear_error(run, tmp_path):
     sim = tp.Simulation(DATA)
-    caught: list[BaseException] = []
-
-    def work() -> None:
-        try:
-            tp.simulate(DATA, out=tmp_path / "run", progress=False)
-        except RuntimeError as error:
-            caught.append(error)
-
-    thread = threading.Thread(target=work)
+    sim.step()
+    thread = threading.Thread(
+        target=tp.simulate, args=(DATA,), kwargs={"out": tmp_path / "run", "progress": False}
+    )
     thread.start()
     thread.join()
-    assert "thread" in str(caught[0])
+    assert (tmp_path / "run" / "result.json").exists()
+    sim.step()
     if hasattr(os, "fork"):
         reading, writing = os.pipe()
         child = os.fork()
@@ -199,4 +195,3 @@ def test_another_thread_and_a_fork_get_one_clear_error(run, tmp_path):
         os.waitpid(child, 0)
         assert b"fork" in os.read(reading, 1000)
         os.close(reading)
-    assert not (tmp_path / "run").exists()
