@@ -12,7 +12,7 @@ import taichi
 from taichi.lang import impl, matrix
 from taichi.lang.expr import Expr
 
-from taichi_plume.engine.trace import _PLAIN, Components, Number, Trace, View
+from taichi_plume.engine.trace import PLAIN, Components, Number, Trace, View
 
 MOST = (1 << 30) - 1
 """Largest place in the memory of a field, in entries."""
@@ -138,7 +138,7 @@ def _sum(a: Any, b: Any) -> Any:
 def macro(function: Callable) -> Callable:
     """Decorator of Python functions that kernels call while they are traced."""
     function._is_taichi_function = True  # type: ignore[attr-defined]
-    function.func = _PLAIN  # type: ignore[attr-defined]
+    function.func = PLAIN  # type: ignore[attr-defined]
     return function
 
 

@@ -18,9 +18,11 @@ from taichi.lang.matrix import MatrixType
 from taichi.lang.util import cook_dtype
 from taichi.types import ndarray_type
 
-from taichi_plume.engine import process
+from taichi_plume.engine import process, replacements  # noqa: F401  `replacements` lets Taichi trace parts
+from taichi_plume.engine.arguments import declare_array, setter_of
+from taichi_plume.engine.conditions import same
 from taichi_plume.engine.fields import KINDS, ArrayField, on_cpu
-from taichi_plume.engine.trace import Trace, _same, _setter, declare_array
+from taichi_plume.engine.trace import Trace
 
 DTYPES = {np.dtype(kind): dtype for dtype, kind in KINDS.items()}
 SCALARS = {float: taichi.f32, int: taichi.i32, bool: taichi.i32}
@@ -81,10 +83,10 @@ class Instance:
                     kernel_arguments.decl_ret(kind)
                 target.finalize_rets()
                 with context.variable_scope_guard():
-                    of_function = trace.wrap(0, _same, None, function)
+                    of_function = trace.wrap(0, same, None, function)
                     context.global_vars = {**function.__globals__, **of_function.free()}
                     for n, name in enumerate(kernel.parts, 1):
-                        context.create_variable(name, trace.wrap(n, _same, None, parts[n]))
+                        context.create_variable(name, trace.wrap(n, same, None, parts[n]))
                     for name in kernel.scalars:
                         kind = annotations[name]
                         if isinstance(kind, ndarray_type.NdarrayType):
@@ -188,7 +190,7 @@ def _argument_setter(kind: Any) -> Callable[[Any, tuple[int], Any], None]:
                 context.set_struct_arg_float((*n, k), float(value[k]))
 
         return put
-    return getattr(core.KernelLaunchContext, f"set_arg_{_setter(cook_dtype(SCALARS.get(kind, kind)))}")
+    return getattr(core.KernelLaunchContext, f"set_arg_{setter_of(cook_dtype(SCALARS.get(kind, kind)))}")
 
 
 class Kernel:

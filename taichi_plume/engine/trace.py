@@ -6,10 +6,7 @@ depends on (a dimension, a flag, a function, the length of a tuple) becomes a co
 kernel is used if its conditions hold, with the fields and numbers of that part; else it is traced again.
 """
 
-import ast
-import enum
 import operator
-import sys
 import types
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -17,19 +14,36 @@ from typing import Any
 
 import numpy as np
 import taichi
-from taichi._lib import core
-from taichi.lang import impl, kernel_impl
+from taichi.lang import impl
 from taichi.lang.any_array import AnyArray
-from taichi.lang.ast.ast_transformer import ASTTransformer
 from taichi.lang.expr import Expr
-from taichi.lang.field import Field as TaichiField
-from taichi.lang.kernel_impl import Func
-from taichi.lang.matrix import Matrix, MatrixType, make_matrix
-from taichi.lang.struct import StructType
+from taichi.lang.matrix import Matrix, make_matrix
 
+from taichi_plume.engine.arguments import Loaded, declare_array, load, setter_of
+from taichi_plume.engine.conditions import (
+    Calls,
+    Equal,
+    EqualArray,
+    Fixed,
+    LikeField,
+    OfLength,
+    OfType,
+    Same,
+    Values,
+    WithKeys,
+    as_tuple,
+    closed_over,
+    computed,
+    count_of_entries,
+    entry_of,
+    is_constant,
+    length_of,
+    owner_of,
+    raw,
+    same,
+    truth_of,
+)
 from taichi_plume.engine.fields import ArrayField
-
-Values = list[Any]
 
 
 class Trace:
@@ -61,7 +75,7 @@ class Trace:
 
     def condition(self, index: int, check: Callable[[Any], bool]) -> None:
         """Require that a node's value passes `check`."""
-        self.steps.append((index, _same, None, check))
+        self.steps.append((index, same, None, check))
         self.values.append(self.values[index])
 
     def wrap(self, parent: int, step: Callable[[Any, Any], Any], key: Any, value: Any) -> Any:
@@ -77,43 +91,43 @@ class Trace:
             index = self.node(parent, step, key, value, None)
             return Number(self, value, ("node", index), lambda values: values[index])
         if kind is tuple or kind is list or (isinstance(value, tuple) and hasattr(value, "_fields")):
-            index = self.node(parent, step, key, value, _OfLength(kind, len(value)))
+            index = self.node(parent, step, key, value, OfLength(kind, len(value)))
             parts = [self.wrap(index, operator.getitem, n, entry) for n, entry in enumerate(value)]
             if hasattr(value, "_fields"):
                 return kind(*parts)
             return kind(parts)
         if kind is dict:
-            index = self.node(parent, step, key, value, _WithKeys(tuple(value)))
+            index = self.node(parent, step, key, value, WithKeys(tuple(value)))
             return {name: self.wrap(index, operator.getitem, name, entry) for name, entry in value.items()}
         if isinstance(value, ArrayField):
-            index = self.node(parent, step, key, value, _LikeField(value))
+            index = self.node(parent, step, key, value, LikeField(value))
             return View(self, index, value)
         if isinstance(value, Matrix):
             entries = value.entries if value.ndim == 1 else value.to_list()
-            index = self.node(parent, step, key, value, _OfLength(kind, len(entries), len_of=_entries))
-            return [self.wrap(index, _entry, n, entry) for n, entry in enumerate(entries)]
+            index = self.node(parent, step, key, value, OfLength(kind, len(entries), len_of=count_of_entries))
+            return [self.wrap(index, entry_of, n, entry) for n, entry in enumerate(entries)]
         if isinstance(value, types.MethodType):
-            index = self.node(parent, step, key, value, _Calls(value.__func__))
+            index = self.node(parent, step, key, value, Calls(value.__func__))
             owner = value.__self__
             if parent < len(self.values) and self.values[parent] is owner:
                 stand_in = self.seen["self", parent]
             else:
-                stand_in = self.wrap(index, _owner, None, owner)
+                stand_in = self.wrap(index, owner_of, None, owner)
             return Function(self, index, value.__func__, stand_in)
         if isinstance(value, types.FunctionType):
-            index = self.node(parent, step, key, value, _Calls(value))
+            index = self.node(parent, step, key, value, Calls(value))
             return Function(self, index, value, None)
         if isinstance(value, partial):
-            index = self.node(parent, step, key, value, _OfType(kind))
+            index = self.node(parent, step, key, value, OfType(kind))
             function = self.wrap(index, getattr, "func", value.func)
             return function.given(self.wrap(index, getattr, "args", value.args))
         if isinstance(value, np.ndarray):
-            self.node(parent, step, key, value, _EqualArray(value))
+            self.node(parent, step, key, value, EqualArray(value))
             return value
-        if _is_constant(value):
-            self.node(parent, step, key, value, _Equal(value))
+        if is_constant(value):
+            self.node(parent, step, key, value, Equal(value))
             return value
-        index = self.node(parent, step, key, value, _OfType(kind))
+        index = self.node(parent, step, key, value, OfType(kind))
         return Part(self, index, value)
 
     # ------------------------------------------------------------ arguments
@@ -129,14 +143,14 @@ class Trace:
                 argument = impl.get_runtime().compiling_callable.insert_scalar_param(
                     dtype, f"a{len(self.arguments)}"
                 )
-                self.numbers[place] = _load(argument, dtype)
-                self.arguments[place] = self.numbers[place], compute, _setter(dtype)
+                self.numbers[place] = load(argument, dtype)
+                self.arguments[place] = self.numbers[place], compute, setter_of(dtype)
         return self.numbers[place].ptr
 
     def load(self, dtype: Any, count: int) -> None:
         """Load so many numbers here, before it is known which they are."""
         self.loaded[str(dtype)] = loaded = Loaded(dtype, count, f"a{len(self.arguments)}")
-        self.arguments["loaded", str(dtype)] = loaded.structure, loaded.compute, f"struct_{_setter(dtype)}"
+        self.arguments["loaded", str(dtype)] = loaded.structure, loaded.compute, f"struct_{setter_of(dtype)}"
 
     def array(self, index: int, field: ArrayField) -> Any:
         """Return the expression of an array argument for the field at a node."""
@@ -155,192 +169,12 @@ class Trace:
 
     def fixed(self, field: ArrayField) -> "View":
         """Return the stand-in for a field that is no part of an argument."""
-        return self.wrap(0, _Fixed(field), None, field)
+        return self.wrap(0, Fixed(field), None, field)
 
     def alike(self, first: int, other: int) -> None:
         """Require that two nodes are the same object."""
-        self.steps.append((other, _same, None, _Same(first)))
+        self.steps.append((other, same, None, Same(first)))
         self.values.append(self.values[other])
-
-
-def declare_array(dtype: Any, n: int, ndim: int, name: str) -> AnyArray:
-    """Add an array argument of numbers, or of vectors of n numbers, to the kernel that is traced."""
-    element = core.get_type_factory_instance().get_tensor_type((n,), dtype) if n else dtype
-    argument = impl.get_runtime().compiling_callable.insert_ndarray_param(element, ndim, name, False)
-    return AnyArray(
-        core.make_external_tensor_expr(element, ndim, argument, False, 0, core.BoundaryMode.UNSAFE)
-    )
-
-
-def _setter(dtype: Any) -> str:
-    if dtype in (taichi.f32, taichi.f64):
-        return "float"
-    return "uint" if dtype in (taichi.u32, taichi.u8) else "int"
-
-
-# ---------------------------------------------------------------- steps and conditions
-
-
-def _same(value: Any, _: Any) -> Any:
-    return value
-
-
-def _load(argument: Any, dtype: Any, whole: bool = True) -> Expr:
-    """Return the expression of a scalar argument, or of the place of a structure."""
-    return Expr(
-        core.make_arg_load_expr(argument, dtype, False, create_load=whole, arg_depth=0, dbg_info=_NOWHERE)
-    )
-
-
-_NOWHERE = core.DebugInfo()
-
-
-class Loaded:
-    """Numbers that are loaded together, in a structure: a launch costs 0.1 us per argument, and LLVM would load again
-    after each store.
-    """
-
-    def __init__(self, dtype: Any, count: int, name: str):
-        members = [(dtype, f"n{k}") for k in range(count)]
-        kind = core.get_type_factory_instance().get_struct_type(members)
-        argument = impl.get_runtime().compiling_callable.insert_scalar_param(kind, name)
-        self.structure = _load(argument, kind, whole=False)
-        elements = [
-            Expr(core.make_get_element_expr(self.structure.ptr, (k,), _NOWHERE)) for k in range(count)
-        ]
-        self.variables: list[Any] = [impl.expr_init(element) for element in elements]
-        self.members: list[Callable[[Values], Any]] = []
-
-    def take(self, compute: Callable[[Values], Any]) -> Expr:
-        """Return the variable of another number."""
-        self.members.append(compute)
-        return self.variables[len(self.members) - 1]
-
-    def compute(self, values: Values) -> list[Any]:
-        """Return the numbers for the values of a trace."""
-        return [compute(values) for compute in self.members]
-
-
-class _Fixed:
-    """Step to a certain field."""
-
-    def __init__(self, field: ArrayField):
-        self.field = field
-
-    def __call__(self, value: Any, _: Any) -> ArrayField:
-        return self.field
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Fixed) and other.field is self.field
-
-    def __hash__(self) -> int:
-        return id(self.field)
-
-
-def _owner(value: Any, _: Any) -> Any:
-    return value.__self__
-
-
-def _entries(value: Matrix) -> int:
-    return len(value.entries if value.ndim == 1 else value.to_list())
-
-
-def _entry(value: Matrix, n: int) -> Any:
-    return (value.entries if value.ndim == 1 else value.to_list())[n]
-
-
-def _closed_over(function: Any, n: int) -> Any:
-    return (raw(function).__closure__ or ())[n].cell_contents
-
-
-def raw(function: Any) -> types.FunctionType:
-    """Return the Python function of a ti.func, or of a partial one, or a Python function itself."""
-    if isinstance(function, partial):
-        return raw(function.func)
-    inner = getattr(function, "func", None)
-    return inner.func if isinstance(inner, Func) else function
-
-
-def code(function: Any) -> types.CodeType:
-    """Return the code of a function or method."""
-    return raw(getattr(function, "__func__", function)).__code__
-
-
-class _Same:
-    def __init__(self, other: int):
-        self.other = other
-
-
-class _OfLength:
-    def __init__(self, kind: type, length: int, len_of: Callable = len):
-        self.kind, self.length, self.len_of = kind, length, len_of
-
-    def __call__(self, value: Any) -> bool:
-        return type(value) is self.kind and self.len_of(value) == self.length
-
-
-class _WithKeys:
-    def __init__(self, keys: tuple):
-        self.keys = keys
-
-    def __call__(self, value: Any) -> bool:
-        return type(value) is dict and tuple(value) == self.keys
-
-
-class _LikeField:
-    def __init__(self, field: ArrayField):
-        self.like = self._kind(field)
-
-    @staticmethod
-    def _kind(field: ArrayField) -> tuple:
-        return field.dtype, field.n, len(field.shape), field.layout.first_axis_contiguous
-
-    def __call__(self, value: Any) -> bool:
-        return isinstance(value, ArrayField) and self._kind(value) == self.like
-
-
-class _Calls:
-    def __init__(self, function: Any):
-        self.code = raw(function).__code__
-
-    def __call__(self, value: Any) -> bool:
-        return getattr(raw(getattr(value, "__func__", value)), "__code__", None) is self.code
-
-
-class _EqualArray:
-    def __init__(self, value: np.ndarray):
-        self.value = value.copy()
-
-    def __call__(self, value: Any) -> bool:
-        return isinstance(value, np.ndarray) and np.array_equal(value, self.value)
-
-
-class _Equal:
-    def __init__(self, value: Any):
-        self.value = value
-
-    def __call__(self, value: Any) -> bool:
-        return value is self.value or (type(value) is type(self.value) and value == self.value)
-
-
-class _OfType:
-    def __init__(self, kind: type):
-        self.kind = kind
-
-    def __call__(self, value: Any) -> bool:
-        return type(value) is self.kind
-
-
-def _is_constant(value: Any) -> bool:
-    return (
-        value is None
-        or isinstance(
-            value,
-            bool | str | bytes | type | types.ModuleType | enum.Enum | range | slice | np.bool_ | complex
-            | types.BuiltinFunctionType | np.ufunc | TaichiField | core.DataType | frozenset | set
-            | MatrixType | StructType,
-        )
-    )  # fmt: skip
 
 
 # ---------------------------------------------------------------- stand-ins
@@ -372,31 +206,19 @@ class Part:
 
     def __len__(self) -> int:
         trace, index, value = object.__getattribute__(self, "_stands_for")
-        return operator.index(trace.wrap(index, _length, None, len(value)))
+        return operator.index(trace.wrap(index, length_of, None, len(value)))
 
     def __iter__(self) -> Any:
         trace, index, value = object.__getattribute__(self, "_stands_for")
-        return iter(trace.wrap(index, _as_tuple, None, tuple(value)))
+        return iter(trace.wrap(index, as_tuple, None, tuple(value)))
 
     def __bool__(self) -> bool:
         trace, index, value = object.__getattribute__(self, "_stands_for")
-        return trace.wrap(index, _truth, None, bool(value))
+        return trace.wrap(index, truth_of, None, bool(value))
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         trace, index, value = object.__getattribute__(self, "_stands_for")
         return trace.wrap(index, getattr, "__call__", value.__call__)(*arguments, **named)
-
-
-def _as_tuple(value: Any, _: Any) -> tuple:
-    return tuple(value)
-
-
-def _truth(value: Any, _: Any) -> bool:
-    return bool(value)
-
-
-def _length(value: Any, _: Any) -> int:
-    return len(value)
 
 
 class Function:
@@ -408,7 +230,7 @@ class Function:
         self.trace, self.index, self.function, self.owner, self.first = trace, index, function, owner, first
         self._is_taichi_function = True
         self.__name__ = getattr(function, "__name__", "function")
-        self.func = getattr(function, "func", _PLAIN)
+        self.func = getattr(function, "func", PLAIN)
 
     def given(self, first: tuple) -> "Function":
         """Return the function with its first arguments given (partial)."""
@@ -418,7 +240,7 @@ class Function:
         """Return the stand-ins of the function's free variables, by name."""
         code, cells = raw(self.function).__code__, raw(self.function).__closure__ or ()
         return {
-            name: self.trace.wrap(self.index, _closed_over, n, cell.cell_contents)
+            name: self.trace.wrap(self.index, closed_over, n, cell.cell_contents)
             for n, (name, cell) in enumerate(zip(code.co_freevars, cells, strict=True))
         }
 
@@ -432,22 +254,15 @@ class Function:
                     plain.__code__, plain.__globals__, plain.__name__, plain.__defaults__, cells
                 )
             return plain(*arguments, **named)
-        _free.append((plain, self.free()))
+        FREE.append((plain, self.free()))
         try:
             return self.function(*arguments, **named)
         finally:
-            _free.pop()
+            FREE.pop()
 
 
-_PLAIN = types.SimpleNamespace(has_print=False)
-_free: list[tuple[Any, dict[str, Any]]] = []
-
-
-def _global_variables(function: Any, plain: Callable = kernel_impl._get_global_vars) -> dict[str, Any]:
-    """Return the global and free variables of a function, as Taichi does, with stand-ins for the free ones."""
-    if _free and _free[-1][0] is function:
-        return {**function.__globals__, **_free[-1][1]}
-    return plain(function)
+PLAIN = types.SimpleNamespace(has_print=False)
+FREE: list[tuple[Any, dict[str, Any]]] = []
 
 
 class View:
@@ -556,7 +371,8 @@ class Entries(Components):
             self.component(d)._assign(impl.subscript(None, other, d))
 
 
-def _host(value: Any) -> bool:
+def is_on_host(value: Any) -> bool:
+    """Return whether a value is a number of the host, known before a kernel runs."""
     return isinstance(value, Number | int | float | np.integer | np.floating | bool)
 
 
@@ -577,7 +393,7 @@ class Number(Expr):
         if ("constant", self.key) not in self.trace.seen:
             self.trace.seen["constant", self.key] = True
             compute = self.compute
-            self.trace.steps.append((-1, _whole, compute, _Equal(self.value)))
+            self.trace.steps.append((-1, computed, compute, Equal(self.value)))
             self.trace.values.append(self.value)
         return self.value
 
@@ -639,10 +455,12 @@ class Number(Expr):
         return self._derived(abs, self)
 
     def __truediv__(self, other: Any) -> Any:
-        return self._derived(operator.truediv, self, other) if _host(other) else super().__truediv__(other)
+        return (
+            self._derived(operator.truediv, self, other) if is_on_host(other) else super().__truediv__(other)
+        )
 
     def __rtruediv__(self, other: Any) -> Any:
-        if _host(other):
+        if is_on_host(other):
             return self._derived(operator.truediv, other, self)
         if isinstance(self.value, float | np.floating):
             return other * self._derived(_reciprocal, self)
@@ -658,10 +476,6 @@ def _constant(value: Any) -> Callable[[Values], Any]:
     return lambda values: value
 
 
-def _whole(values: Values, compute: Callable[[Values], Any]) -> Any:
-    return compute(values)
-
-
 def _i32(value: int) -> int:
     value = int(value)
     return value - (1 << 32) if value >= 1 << 31 else value
@@ -671,7 +485,7 @@ def _operator(name: str, operation: Callable, reflected: bool) -> None:
     plain = getattr(Expr, name)
 
     def method(self: Number, other: Any) -> Any:
-        if _host(other):
+        if is_on_host(other):
             return (
                 self._derived(operation, other, self) if reflected else self._derived(operation, self, other)
             )
@@ -693,101 +507,3 @@ for _name, _op in {
     "eq": operator.eq, "ne": operator.ne, "lt": operator.lt, "le": operator.le, "gt": operator.gt, "ge": operator.ge,
 }.items():  # fmt: skip
     _operator(f"__{_name}__", _op, False)
-
-
-# ---------------------------------------------------------------- Taichi's own code while a kernel is traced
-
-
-def _subscript(
-    builder: Any, value: Any, *indices: Any, plain: Callable = impl.subscript, **named: Any
-) -> Any:
-    """Subscript as Taichi does; a number that selects a vector's component, or a tuple's entry, is a constant."""
-    if isinstance(value, Components) and len(indices) == 1 and isinstance(indices[0], int | Number):
-        return value.component(operator.index(indices[0]))
-    if type(value) is ArrayField:  # reached through a global variable: always this field
-        value = Trace.current.fixed(value)
-    if type(value) in (tuple, list, dict) or (isinstance(value, Expr) and not isinstance(value, Number)):
-        indices = tuple(index.constant() if isinstance(index, Number) else index for index in indices)
-    return plain(builder, value, *indices, **named)
-
-
-_PLAIN_STATIC = impl.static
-
-
-def static(x: Any, *xs: Any, plain: Callable = impl.static) -> Any:
-    """Evaluate at compile time, as Taichi does; stand-ins stay what they are."""
-    if xs:
-        return [static(x), *(static(y) for y in xs)]
-    if type(x) in (Number, Part, View, Function):
-        return x
-    return plain(x)
-
-
-def _build_name(ctx: Any, node: ast.Name, plain: Callable = ASTTransformer.build_Name) -> Any:
-    value = ctx.get_var_by_name(node.id)
-    if isinstance(value, Number):
-        node.ptr = value  # type: ignore[attr-defined]
-        return value
-    return plain(ctx, node)
-
-
-def _logical_and(a: Any, b: Any, plain: Callable = taichi.lang.ops.logical_and) -> Any:
-    if a is True:
-        return b
-    return plain(a, b)
-
-
-def _build_compare(ctx: Any, node: ast.Compare, plain: Callable = ASTTransformer.build_Compare) -> Any:
-    """Build a comparison as Taichi does; numbers of parts are compared on the host."""
-    from taichi.lang.ast.ast_transformer import build_stmt, build_stmts
-
-    if len(node.ops) == 1 and type(node.ops[0]) in _COMPARISONS:
-        build_stmt(ctx, node.left)
-        build_stmts(ctx, node.comparators)
-        left, right = node.left.ptr, node.comparators[0].ptr  # type: ignore[attr-defined]
-        if (isinstance(left, Number) or isinstance(right, Number)) and _host(left) and _host(right):
-            node.ptr = _COMPARISONS[type(node.ops[0])](left, right)  # type: ignore[attr-defined]
-            return node.ptr  # type: ignore[attr-defined]
-    return plain(ctx, node)
-
-
-_COMPARISONS = {
-    ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Lt: operator.lt, ast.LtE: operator.le,
-    ast.Gt: operator.gt, ast.GtE: operator.ge,
-}  # fmt: skip
-
-
-def _build_call_if_is_type(
-    ctx: Any, node: Any, args: Any, keywords: Any, plain: Callable = ASTTransformer.build_call_if_is_type
-) -> bool:
-    if (
-        len(args) == 1
-        and isinstance(args[0], Number)
-        and id(node.func.ptr) in taichi.types.primitive_types.type_ids
-    ):
-        node.ptr = args[0].typed(node.func.ptr)
-        return True
-    return plain(ctx, node, args, keywords)
-
-
-def _build_call_if_is_builtin(
-    ctx: Any, node: Any, args: Any, keywords: Any, plain: Callable = ASTTransformer.build_call_if_is_builtin
-) -> bool:
-    """Call Python's own functions of numbers of parts on the host."""
-    numbers = [arg for arg in args if isinstance(arg, Number)]
-    if numbers and node.func.ptr in (min, max, int, float, bool, pow) and all(map(_host, args)):
-        node.ptr = numbers[0]._derived(node.func.ptr, *args)
-        return True
-    return plain(ctx, node, args, keywords)
-
-
-ASTTransformer.build_call_if_is_builtin = staticmethod(_build_call_if_is_builtin)
-static.__module__ = impl.__name__  # Taichi warns of calls of other functions
-impl.subscript = _subscript
-for _module in [module for name, module in sys.modules.items() if name.split(".")[0] == "taichi"]:
-    if vars(_module).get("static") is _PLAIN_STATIC:
-        _module.static = static  # type: ignore[attr-defined]
-kernel_impl._get_global_vars = _global_variables
-ASTTransformer.build_Name = staticmethod(_build_name)
-ASTTransformer.build_Compare = staticmethod(_build_compare)
-ASTTransformer.build_call_if_is_type = staticmethod(_build_call_if_is_type)

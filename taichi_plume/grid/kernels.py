@@ -7,9 +7,9 @@ from math import prod
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from taichi_plume.engine import ti
+from taichi_plume.engine.conditions import code
 from taichi_plume.engine.fields import Field, on_cpu
 from taichi_plume.engine.kernels import Kernel, data_flow_by_llvm
-from taichi_plume.engine.trace import code
 
 if TYPE_CHECKING:
     Template = Any

@@ -1,0 +1,64 @@
+"""Arguments of a kernel that is traced: arrays, and numbers one by one or in a structure."""
+
+from collections.abc import Callable
+from typing import Any
+
+import taichi
+from taichi._lib import core
+from taichi.lang import impl
+from taichi.lang.any_array import AnyArray
+from taichi.lang.expr import Expr
+
+from taichi_plume.engine.conditions import Values
+
+
+def declare_array(dtype: Any, n: int, ndim: int, name: str) -> AnyArray:
+    """Add an array argument of numbers, or of vectors of n numbers, to the kernel that is traced."""
+    element = core.get_type_factory_instance().get_tensor_type((n,), dtype) if n else dtype
+    argument = impl.get_runtime().compiling_callable.insert_ndarray_param(element, ndim, name, False)
+    return AnyArray(
+        core.make_external_tensor_expr(element, ndim, argument, False, 0, core.BoundaryMode.UNSAFE)
+    )
+
+
+def setter_of(dtype: Any) -> str:
+    """Return the end of the name of the function that sets a number of a type."""
+    if dtype in (taichi.f32, taichi.f64):
+        return "float"
+    return "uint" if dtype in (taichi.u32, taichi.u8) else "int"
+
+
+def load(argument: Any, dtype: Any, whole: bool = True) -> Expr:
+    """Return the expression of a scalar argument, or of the place of a structure."""
+    return Expr(
+        core.make_arg_load_expr(argument, dtype, False, create_load=whole, arg_depth=0, dbg_info=_NOWHERE)
+    )
+
+
+_NOWHERE = core.DebugInfo()
+
+
+class Loaded:
+    """Numbers that are loaded together, in a structure: a launch costs 0.1 us per argument, and LLVM would load again
+    after each store.
+    """
+
+    def __init__(self, dtype: Any, count: int, name: str):
+        members = [(dtype, f"n{k}") for k in range(count)]
+        kind = core.get_type_factory_instance().get_struct_type(members)
+        argument = impl.get_runtime().compiling_callable.insert_scalar_param(kind, name)
+        self.structure = load(argument, kind, whole=False)
+        elements = [
+            Expr(core.make_get_element_expr(self.structure.ptr, (k,), _NOWHERE)) for k in range(count)
+        ]
+        self.variables: list[Any] = [impl.expr_init(element) for element in elements]
+        self.members: list[Callable[[Values], Any]] = []
+
+    def take(self, compute: Callable[[Values], Any]) -> Expr:
+        """Return the variable of another number."""
+        self.members.append(compute)
+        return self.variables[len(self.members) - 1]
+
+    def compute(self, values: Values) -> list[Any]:
+        """Return the numbers for the values of a trace."""
+        return [compute(values) for compute in self.members]
