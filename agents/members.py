@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from taichi.lang import impl
 
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.swarm import Swarm
@@ -26,8 +25,8 @@ class OfGroup:
 
     def __getitem__(self, at: object) -> Field:
         n, *rest = at if isinstance(at, tuple) else (at,)
-        row = 0 if self.group is None else impl.subscript(None, self.group, n)
-        return impl.subscript(None, self.table, row, *rest)
+        row = 0 if self.group is None else self.group[n]
+        return self.table[(row, *rest)]
 
 
 def group_rows(sizes: Sequence[int]) -> Field | None:

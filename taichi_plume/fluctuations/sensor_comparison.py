@@ -118,12 +118,9 @@ def readings(
     ppm: concentrations (n, points), `step` [s] apart, the time step of the sensors; the air before is clean. The
     sensors are on robots that stand at the points. Starts Taichi unless it is running.
     """
-    import taichi as ti
-    from taichi.lang import impl
-
     from taichi_plume.agents.sensors import Sensors as Measuring
     from taichi_plume.agents.swarm import Swarm
-    from taichi_plume.engine import program
+    from taichi_plume.engine import program, ti
     from taichi_plume.fluctuations.still_air import Floor, Records
     from taichi_plume.grid.transfer import reader, uploader
     from taichi_plume.scenario.algorithms import Casting
@@ -131,8 +128,7 @@ def readings(
     from taichi_plume.scenario.sensors import Sensors
     from taichi_plume.scenario.starts import StartAt
 
-    if impl.get_runtime().prog is None:
-        program.start("cpu")
+    program.ensure_started()
     points = ppm.shape[1]
     start = StartAt(kind="positions", positions=((0.0, 0.0),))
     groups = [

@@ -55,7 +55,7 @@ def test_starts_are_measured_cold_and_warm(tmp_path, capsys):
     assert main(["start", str(config), "--json"]) == 0
     cold, warm = json.loads(capsys.readouterr().out)
     assert (cold["config"], cold["cold"], warm["cold"]) == ("still", True, False)
-    assert cold["kernels"] == warm["kernels"] > 5
+    assert cold["kernels"] == warm["kernels"] > 3
     assert 0.0 < warm["cpu_seconds"] < cold["cpu_seconds"] + 1.0
 
 

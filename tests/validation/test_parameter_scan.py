@@ -127,7 +127,7 @@ def test_spiral_is_reached_within_two_standard_errors():
 def test_outputs_follow_the_law_of_the_sensor():
     from types import SimpleNamespace
 
-    import taichi as ti
+    from taichi_plume.engine import ti
 
     swarm = SimpleNamespace(count=3, reading=ti.field(ti.f32, 3))
     given = ti.field(ti.f32, 3)
