@@ -142,6 +142,7 @@ class Fluctuations:
             for a in range(self.dim)
         ]
         self._boxes: dict[int, np.ndarray] = {}
+        self._faces: dict[tuple[int, int], np.ndarray] = {}
 
     def _scales(self) -> np.ndarray:
         """Return the factors that give each velocity component its standard deviation on the staggered grid.
@@ -174,6 +175,15 @@ class Fluctuations:
             self._boxes[number] = np.asarray(ifft(box, axis=0, norm="forward", overwrite_x=True))
         return self._boxes[number]
 
+    def _face(self, number: int, place: int) -> np.ndarray:
+        """Return the velocities over the face of a plane of box `number`, (dim, *window); the last ones are kept."""
+        if (number, place) in self._faces:
+            return self._faces[number, place]
+        waves = self._box(number)[place]
+        for table in self._tables:
+            waves = np.tensordot(waves, table, axes=(1, 0))
+        return np.real(waves)
+
     def advance(self, speed: float, dt: float) -> np.ndarray:
         """Return turbulent velocities over the face, (dim, *face), after dt [s] at `speed` [m/s]; no net flow."""
         self.travelled += abs(speed) * dt
@@ -185,14 +195,15 @@ class Fluctuations:
         )
         cubic = np.append(cubic, (f + 1) * f * (f - 1)) / 6.0
         turn = 0.5 * pi * ((whole + f) / overlap - number)
-        now: np.ndarray | float = 0.0
+        weights: dict[tuple[int, int], float] = {}
         for n, share in ((number - 1, np.cos(turn)), (number, np.sin(turn))):
             places = (int(whole) - n * overlap + np.arange(-1, 3)) % size
-            now = now + np.tensordot((share * cubic).astype(np.float32), self._box(n)[places], axes=1)
-        for table in self._tables:
-            now = np.tensordot(now, table, axes=(1, 0))
+            weights |= {(n, int(place)): share * w for place, w in zip(places, cubic, strict=True)}
+        self._faces = {at: self._face(*at) for at in weights}
+        shares = np.array([*weights.values()], np.float32)
+        now = np.tensordot(shares, np.stack([*self._faces.values()]), axes=1)
         planes = np.zeros((self.dim, *self.patch.covered.shape))
-        planes[(slice(None), *self._window)] = np.real(now)
+        planes[(slice(None), *self._window)] = now
         planes *= self._here
         through, covered = planes[self.patch.axis], self.patch.covered
         through -= covered * (through.sum() / covered.sum())
