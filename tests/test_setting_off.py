@@ -10,7 +10,6 @@ from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.preparation import checked
 from taichi_plume.execution.result import result
 from taichi_plume.grid.state import State
-from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring import trials as scores
 
@@ -125,11 +124,6 @@ def test_a_reset_and_a_saved_state_bring_the_waiting_back(sim):
         one = np.array([now[key] for now in first])
         np.testing.assert_array_equal(one, [now[key] for now in again])
         np.testing.assert_array_equal(one, [now[key] for now in afresh])
-
-
-def test_a_reset_cannot_change_who_waits(sim):
-    with pytest.raises(ScenarioError, match=r"robots\[1\].begin: was 1.3, is 2"):
-        sim.reset(scenario(group("now", 0.0), group("later", 2.0)).scenario)
 
 
 def test_what_never_sets_off_is_remarked():

@@ -61,15 +61,13 @@ class Flight(Driver):
         goals[0] = goal
         headings = np.full(4, NAN)
         headings[0] = heading
+        self.command_all(speed * first, turn * first, left * first, climb * first, goals, headings)
+
+    def command_all(self, speed, turn, left, climb, goals, headings):
+        """Command each drone, and the robot of the floor."""
         swarm = self.swarm
-        uploader(
-            swarm.speed_command,
-            swarm.turn_rate_command,
-            swarm.left_command,
-            swarm.climb_command,
-            swarm.goal,
-            swarm.goal_heading,
-        )(speed * first, turn * first, left * first, climb * first, goals, headings)
+        commands = swarm.speed_command, swarm.turn_rate_command, swarm.left_command, swarm.climb_command
+        uploader(*commands, swarm.goal, swarm.goal_heading)(speed, turn, left, climb, goals, headings)
 
     def at(self, n=0):
         now = self.swarm.snapshot()
@@ -213,7 +211,7 @@ def test_a_robot_of_the_floor_drives_below_a_drone_and_stops_at_one_that_landed(
     for altitude, blocked in ((0.2, False), (0.0, True)):
         flight.put((2.8, 0.2, altitude), heading=np.pi, floor=(3.8, 0.2))
         speeds = np.array([0.0, 0.0, 0.0, 0.2])
-        flight._fly(speeds, 0 * speeds, 0 * speeds, 0 * speeds, np.full((4, 3), NAN), np.full(4, NAN))
+        flight.command_all(speeds, 0 * speeds, 0 * speeds, 0 * speeds, np.full((4, 3), NAN), np.full(4, NAN))
         now = flight.move(60)
         assert bool(now["blocked"][3]) == blocked
         assert now["altitude"][3] == 0.0
@@ -228,7 +226,7 @@ def test_nothing_overlaps_in_a_blind_flight(flight):
     for _ in range(400):
         if flight.tick % 8 == 0:
             speed, left, climb = rng.uniform(-1, 1, (3, 4)) * [[1.5], [1.5], [1.0]]
-            flight._fly(speed, 0 * speed, left, climb, np.full((4, 3), NAN), np.full(4, NAN))
+            flight.command_all(speed, 0 * speed, left, climb, np.full((4, 3), NAN), np.full(4, NAN))
         now = flight.move()
         bumps += int(now["blocked"].sum())
         p, z = now["position"].astype(float), now["altitude"].astype(float)

@@ -261,12 +261,12 @@ def test_a_search_that_is_over_learns_no_more(empty):
 
 def test_where_no_cell_is_free_all_are_as_probable(empty):
     """As where something stands in the middle of each; the robot waits, and believes what it did."""
-    run, algorithm = empty.run, empty.algorithm
-    free = algorithm.gas.free.to_numpy()
-    algorithm.gas.free.fill(0)
+    run = empty.run
     run.gas.tell([9.0], 1.0)
     run.begin(MODEL)
+    algorithm = run.algorithm
+    algorithm.gas.free.fill(0)
+    algorithm._start_all()
     run.go(1.5)
     np.testing.assert_allclose(algorithm.beliefs(), 1.0 / algorithm.beliefs()[0].size)
     assert run.swarm.snapshot()["path_length"] == 0.0
-    algorithm.gas.free.from_numpy(free)

@@ -432,8 +432,8 @@ def test_a_closed_environment_says_so_and_closes_twice(made):
 
 
 @pytest.mark.slow
-def test_a_closed_engine_serves_the_next_of_its_task(made):
-    """It is as new: the same episodes, in arrays of its own, and nothing is compiled."""
+def test_a_second_engine_of_a_task_compiles_nothing(made):
+    """It has the same episodes, in arrays of its own."""
     first = gymnasium.make(ID, scenario=TASK).unwrapped
     actions = np.random.default_rng(3).uniform(-1, 1, (5, 2)).astype(np.float32)
     expected = [first.reset(seed=4)[0], *(first.step(action)[0] for action in actions)]
@@ -442,7 +442,6 @@ def test_a_closed_engine_serves_the_next_of_its_task(made):
     kept = shown.copy()
     first.close()
     second = gymnasium.make(ID, scenario=TASK).unwrapped
-    assert second.episodes is engine
     with pytest.raises(ValueError, match="reset"):
         second.step(actions[0])
     again = [second.reset(seed=4)[0], *(second.step(action)[0] for action in actions)]
