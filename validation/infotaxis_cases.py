@@ -94,7 +94,7 @@ class Ours:
 
     @ti.kernel
     def _play(self):
-        for n in self.source:
+        for n in range(self.source.shape[0]):
             self.steps[n] = MOST
             self.algorithm._learn(n, True)
             for t in range(MOST):
