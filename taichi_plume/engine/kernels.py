@@ -1,6 +1,7 @@
 """Kernels at module level or in classes, compiled once for all parts that are alike."""
 
 import ast
+import gc
 import inspect
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
@@ -44,7 +45,13 @@ class Instance:
         self.program = impl.get_runtime().prog
         self.trace = Trace(parts)
         self.arrays = kernel.kinds_of(arguments)
-        self.traced = self._traced(kernel, parts)
+        collects = gc.isenabled()
+        gc.disable()  # a trace makes many objects, all of which stay until its end
+        try:
+            self.traced = self._traced(kernel, parts)
+        finally:
+            if collects:
+                gc.enable()
         with kernel.compiling():
             self.compiled = self.program.compile_kernel(
                 self.program.config(), self.program.get_device_caps(), self.traced
