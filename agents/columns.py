@@ -212,6 +212,4 @@ class Rows:
 
     def write(self, values: Sequence[np.ndarray]) -> None:
         for field, array in zip(self.fields, values, strict=True):
-            rows = field.values
-            rows[self.part] = array
-            field.from_numpy(rows)
+            field[self.part] = array

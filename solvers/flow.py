@@ -136,7 +136,7 @@ class FlowSolver(Carrier):
         self.limits = Limits(self.momentum)
         tables.upload()
         self.solver = pressure_solver(tuple(a * o for a, o in zip(self._area, fractions, strict=True)), grid)
-        self._compile_step()
+        self._list_passes()
         self._read_velocity = reader(*self.u)
         self.courant, self.tolerance, self.viscosity = model.courant, model.tolerance, model.viscosity
         self._stages = stages_for(model.courant)
@@ -156,7 +156,7 @@ class FlowSolver(Carrier):
 
     # ---------------------------------------------------------------- the step
 
-    def _compile_step(self) -> None:
+    def _list_passes(self) -> None:
         """List the passes over cells and faces of which a step consists, in the order of the scheme."""
         m, grid, p, phi = self.momentum, self.grid, self.p, self._phi
         u, u0, rate = self.u, self._start, self._rate

@@ -39,8 +39,8 @@ class FrozenSolver(FlowSolver):
         self.frozen = False
         self._averaged = 0.0  # time averaged so far [s]
 
-    def _compile_step(self) -> None:
-        super()._compile_step()
+    def _list_passes(self) -> None:
+        super()._list_passes()
         moving = [*self.u, *([self.nu] if self.nu is not None else [])]
         self.means = tuple(self.grid.field() for _ in moving)
         self._average = self.grid.blending(self.means, moving)

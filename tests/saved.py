@@ -1,4 +1,4 @@
-"""What holds for every component: it goes on from a saved state."""
+"""Law of every component: it goes on from a saved state."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -23,7 +23,7 @@ def assert_goes_on(part: Any, play: Play) -> None:
 
 
 def assert_plain(saved: Any, path: str = "saved") -> None:
-    """What was saved is numbers, texts, arrays, lists and dicts alone: what files can hold without code."""
+    """A saved state is numbers, texts, arrays, lists and dicts alone: what files can hold without code."""
     if isinstance(saved, dict):
         for key, value in saved.items():
             assert isinstance(key, str), f"{path}[{key!r}]"

@@ -58,7 +58,7 @@ class Instance:
             )
         self.steps = self.trace.steps
         self.extra = [(compute, setter) for _, compute, setter in self.trace.arguments.values()]
-        del self.trace
+        del self.trace, Trace.current  # they hold the parts
 
     def _traced(self, kernel: "Kernel", parts: Sequence[Any]) -> Any:
         runtime = impl.get_runtime()

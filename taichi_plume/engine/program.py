@@ -132,5 +132,5 @@ def _remove_stale_lock(lock: Path) -> None:
 
 
 def compiled() -> int:
-    """Return the number of kernels that have been compiled since `start`."""
+    """Return the number of kernels that this process has compiled, or taken from the cache."""
     return kernels.compiled

@@ -73,11 +73,6 @@ class Trace:
         self.steps.append((parent, step, key, check))
         return len(self.values) - 1
 
-    def condition(self, index: int, check: Callable[[Any], bool]) -> None:
-        """Require that a node's value passes `check`."""
-        self.steps.append((index, same, None, check))
-        self.values.append(self.values[index])
-
     def wrap(self, parent: int, step: Callable[[Any, Any], Any], key: Any, value: Any) -> Any:
         """Return the stand-in for a value that `step(values[parent], key)` returns."""
         place = (parent, step, key)

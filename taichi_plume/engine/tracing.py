@@ -13,18 +13,12 @@ import sys
 import textwrap
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 from types import CodeType, FunctionType, SimpleNamespace
 from typing import Any, TypeVar
 
 from taichi.lang import impl, kernel_impl
 from taichi.lang.ast import ast_transformer_utils
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext, Builder
-
-from taichi_plume.engine import ti
-
-TAICHI = str(Path(ti.__file__).parent)
-
 
 Read = TypeVar("Read")
 

@@ -142,9 +142,7 @@ class Grid:
 
     def write(self, field: Field, values: np.ndarray, margin: int = 0) -> None:
         """Set the inner values of a padded field and `margin` ghost layers; other ghost layers stay unchanged."""
-        padded = field.values
-        padded[self._window(margin)] = values
-        field.from_numpy(padded)
+        field[self._window(margin)] = values
 
     def _window(self, margin: int) -> tuple[slice, ...]:
         """Return the index of a padded array's inner values with `margin` ghost layers."""

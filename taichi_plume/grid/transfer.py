@@ -1,9 +1,4 @@
-"""Transfer of arrays to and from many fields at once, and parameters that kernels read at run time.
-
-On the CPU fields are copied in place. Elsewhere every `from_numpy`, `to_numpy` and `fill` of another field compiles its
-own kernel (0.1 s without a cache, 0.03 s with a cache). Here a component compiles a single kernel for all its fields,
-in its constructor, and nothing later.
-"""
+"""Transfer of arrays to and from several fields, and parameters that kernels read at run time."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -37,8 +32,8 @@ def reader(*fields: Field) -> Callable[[], list[np.ndarray]]:
 class Numbers:
     """Scalar parameters (f32) that kernels read at run time, so that new values need no new kernel.
 
-    ``n = Numbers("viscosity", "schmidt")`` creates the fields, ``n.set(viscosity=1.56e-5, schmidt=0.7)`` sets them in a
-    launch per call. A kernel reads ``n.viscosity[None]``, the host ``n["viscosity"]``.
+    ``n = Numbers("viscosity", "schmidt")`` creates the fields, ``n.set(viscosity=1.56e-5, schmidt=0.7)`` sets them.
+    A kernel reads ``n.viscosity[None]``, the host ``n["viscosity"]``.
     """
 
     if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""What tests of search algorithms share: an empty rectangular arena, scripted gas, and teams that run in it."""
+"""Arena for the tests of all search algorithms: an empty rectangular arena, scripted gas, and teams that run in it."""
 
 import numpy as np
 from robots import group

@@ -1,4 +1,4 @@
-"""What may change during a run, and which scenarios have one structure."""
+"""Keys that may change during a run, and scenarios of one structure."""
 
 import pytest
 
