@@ -21,6 +21,18 @@ def declare_array(dtype: Any, n: int, ndim: int, name: str) -> AnyArray:
     )
 
 
+def declare_field(dtype: Any, n: int, name: str) -> AnyArray:
+    """Add the memory of a field on a CPU to the kernel that is traced, as a structure of its length and its address.
+
+    Taichi looks up array arguments at each launch, 0.25 us each; a structure stays as it was set.
+    """
+    factory = core.get_type_factory_instance()
+    element = factory.get_tensor_type((n,), dtype) if n else dtype
+    kind = core.DataType(factory.get_ndarray_struct_type(dtype, 1, False))
+    argument = impl.get_runtime().compiling_callable.insert_scalar_param(kind, name)
+    return AnyArray(core.make_external_tensor_expr(element, 1, argument, False, 0, core.BoundaryMode.UNSAFE))
+
+
 def setter_of(dtype: Any) -> str:
     """Return the end of the name of the function that sets a number of a type."""
     if dtype in (taichi.f32, taichi.f64):

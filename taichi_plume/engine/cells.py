@@ -94,8 +94,8 @@ class Cell(Index):
             return self.moved((-other).components)
         return self.moved([_scaled(other, -1)] * self.n) if _scalar(other) else super().__sub__(other)
 
-    def place_in(self, view: View) -> Any:
-        """Return the cell's place in the memory of a field."""
+    def place_in(self, view: View, before: Any = 0) -> Any:
+        """Return the cell's place in the memory of a field, behind `before` entries."""
         contiguous = view._field.layout.first_axis_contiguous
         steps = (1, *view.steps()[1:]) if contiguous else view.steps()
         n, axis = self.along
@@ -103,7 +103,7 @@ class Cell(Index):
         if place is None:
             place = _total(map(_scaled, self.origin, steps))
         place = _total(
-            [place, *(_scaled(k, step) for k, step in zip(self.shift[1:], steps[1:], strict=True))]
+            [place, before, *(_scaled(k, step) for k, step in zip(self.shift[1:], steps[1:], strict=True))]
         )
         if contiguous and axis == 0 and not isinstance(n, int) and isinstance(self.shift[0], int):
             return (place & MOST) + _sum(n, self.shift[0])  # LLVM sees that a strip does not wrap around

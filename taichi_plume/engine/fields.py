@@ -21,6 +21,12 @@ KINDS = {
 }
 
 
+LANES = 8
+"""Cells that a loop computes in one vector instruction (f32 in 256 bits)."""
+SLACK = 4 * LANES
+"""Entries behind the memory of a field, which vectorised loops may read."""
+
+
 def on_cpu() -> bool:
     """Return whether kernels run on the CPU."""
     return taichi.cfg.arch in (taichi.x64, taichi.arm64)
@@ -52,15 +58,16 @@ class ArrayField:
         self.dtype, self.layout, self.n = dtype, layout, n
         self.shape = layout.shape
         self.apart = n > 0 and layout.first_axis_contiguous
-        length = layout.length
-        self._shape = (n * length,) if self.apart else (length, n) if n else (length,)
+        self._count = layout.length * (n if self.apart else 1)
+        beside = n if not self.apart else 0  # components that lie side by side
+        self._memory = (self._count + SLACK, beside) if beside else (self._count + SLACK,)
         self.flat: np.ndarray | None = None
         if on_cpu():
-            self.flat = np.zeros(self._shape, KINDS[dtype])
+            self.flat = np.zeros(self._memory, KINDS[dtype])[: self._count]
         else:
-            several = len(self._shape) == 2
+            length = self._memory[0]
             self._device = (
-                taichi.Vector.ndarray(n, dtype, length) if several else taichi.ndarray(dtype, self._shape)
+                taichi.Vector.ndarray(n, dtype, length) if beside else taichi.ndarray(dtype, length)
             )
             self._device.fill(0)
             self._program = impl.get_runtime().prog
@@ -82,7 +89,7 @@ class ArrayField:
     @property
     def values(self) -> np.ndarray:
         """Values of the field: a view of its memory on a CPU, a copy elsewhere."""
-        return self._shaped(self.device.to_numpy() if self.flat is None else self.flat)
+        return self._shaped(self.device.to_numpy()[: self._count] if self.flat is None else self.flat)
 
     def to_numpy(self) -> np.ndarray:
         """Return a copy of the values."""
@@ -93,15 +100,18 @@ class ArrayField:
         if self.flat is not None:
             self._shaped(self.flat)[...] = values
             return
-        flat = np.empty(self._shape, KINDS[self.dtype])
-        self._shaped(flat)[...] = values
+        flat = np.zeros(self._memory, KINDS[self.dtype])
+        self._shaped(flat[: self._count])[...] = values
         self.device.from_numpy(flat)
 
     fill = from_numpy
 
     def copy_from(self, other: "ArrayField") -> None:
-        """Set the values to those of another field."""
-        self.from_numpy(other.values)
+        """Set the values to those of another field of the same kind and layout."""
+        if self.flat is None:
+            self.device.copy_from(other.device)
+        else:
+            self.flat[...] = other.flat
 
     def __getitem__(self, index: Any) -> Any:
         value = self.values[() if index is None else index]

@@ -22,7 +22,7 @@ from taichi.types import ndarray_type
 from taichi_plume.engine import process, replacements  # noqa: F401  `replacements` lets Taichi trace parts
 from taichi_plume.engine.arguments import declare_array, setter_of
 from taichi_plume.engine.conditions import same
-from taichi_plume.engine.fields import KINDS, ArrayField, on_cpu
+from taichi_plume.engine.fields import KINDS, SLACK, ArrayField, on_cpu
 from taichi_plume.engine.trace import Trace
 
 DTYPES = {np.dtype(kind): dtype for dtype, kind in KINDS.items()}
@@ -177,8 +177,8 @@ def _put_field(context: Any, n: int, field: ArrayField) -> None:
     if field.flat is None:
         context.set_arg_ndarray((n,), field.device.arr)
     else:
-        flat = field.flat
-        context.set_arg_external_array_with_shape((n,), flat.ctypes.data, flat.nbytes, (len(flat),), 0)
+        context.set_struct_arg_int((n, 0, 0), len(field.flat) + SLACK)
+        context.set_struct_arg_uint((n, 1), field.flat.ctypes.data)
 
 
 def _put_array(context: Any, n: tuple[int], value: np.ndarray) -> None:

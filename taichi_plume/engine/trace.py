@@ -19,7 +19,7 @@ from taichi.lang.any_array import AnyArray
 from taichi.lang.expr import Expr
 from taichi.lang.matrix import Matrix, make_matrix
 
-from taichi_plume.engine.arguments import Loaded, declare_array, load, setter_of
+from taichi_plume.engine.arguments import Loaded, declare_array, declare_field, load, setter_of
 from taichi_plume.engine.conditions import (
     Calls,
     Equal,
@@ -152,7 +152,11 @@ class Trace:
         place = ("field", id(field))
         if place not in self.arguments:
             self.keep.append(field)
-            array = declare_array(field.dtype, 0 if field.apart else field.n, 1, f"f{len(self.arguments)}")
+            n, name = 0 if field.apart else field.n, f"f{len(self.arguments)}"
+            on_device = field.flat is None
+            array = (
+                declare_array(field.dtype, n, 1, name) if on_device else declare_field(field.dtype, n, name)
+            )
             self.arguments[place] = array, lambda values: values[index], "field"
             self.seen["first", id(field)] = index
         else:
@@ -296,10 +300,10 @@ class View:
         """Return the number of entries."""
         return self._trace.wrap(self._layout(), getattr, "length", self._field.layout.length)
 
-    def place(self, I: Any) -> Any:
-        """Return the place of an entry in the memory, in entries."""
+    def place(self, I: Any, before: Any = 0) -> Any:
+        """Return the place of an entry in the memory, in entries, `before` entries of which lie before the first."""
         if hasattr(I, "place_in"):
-            return I.place_in(self)
+            return I.place_in(self, before)
         indices, layout = _indices(I), self._field.layout
         dim = len(layout.shape)
         if len(indices) != dim:
@@ -307,16 +311,19 @@ class View:
         if dim < 2:
             return indices[0] if dim else 0
         axes = range(dim) if layout.first_axis_contiguous else range(dim - 1, -1, -1)
-        at = indices[axes[0]]
+        at = indices[axes[0]] if isinstance(before, int) else indices[axes[0]] + before
         for d in axes[1:]:
             at = at + indices[d] * self.steps()[d]
         return at
 
     def __getitem__(self, I: Any) -> Any:
-        array, place = self._trace.array(self._index, self._field), self.place(I)
         if self._field.apart:
-            return Entries(array, place, self.length(), self.n)
-        return impl.subscript(None, array, place)
+            return Entries(self, I)
+        return impl.subscript(None, self.array(), self.place(I))
+
+    def array(self) -> AnyArray:
+        """Return the argument for the field's memory."""
+        return self._trace.array(self._index, self._field)
 
 
 def _indices(I: Any) -> list[Any]:
@@ -354,12 +361,13 @@ class Components(Expr):
 class Entries(Components):
     """Vector of a field whose components lie apart."""
 
-    def __init__(self, array: AnyArray, place: Any, length: Any, n: int):
-        self.array, self.at, self.length, self.n = array, place, length, n
+    def __init__(self, view: View, I: Any):
+        self.view, self.index, self.n = view, I, view.n
         self.dbg_info, self.ptr_type_checked = None, True
 
     def component(self, d: int) -> Any:
-        return impl.subscript(None, self.array, self.at + d * self.length if d else self.at)
+        before = d * self.view.length() if d else 0
+        return impl.subscript(None, self.view.array(), self.view.place(self.index, before))
 
     def _assign(self, other: Any) -> None:
         for d in range(self.n):
