@@ -48,15 +48,15 @@ def koren_value(q: Template, I, e, v):
 
 
 @ti.func
-def weno5_value(q: Template, I, e, v, far):
+def weno5_value(q: Template, I, e, v, p2):
     """Return q on the lower face of cell I along e by the fifth-order WENO scheme (weighted essentially
-    non-oscillatory); v: velocity along e; far: the second cell after I, or the last cell.
+    non-oscillatory); v: velocity along e; p2: q of the second cell after I.
 
     Jiang & Shu 1996, doi:10.1006/jcph.1996.0130, for cell averages (Shu 1998, doi:10.1007/BFb0096355). Smoothness is
     measured against the squares of the values, so that the weights do not depend on the unit. Differences from the
     upwind cell are exactly zero in a uniform field. Small new extrema can appear.
     """
-    m3, m2, m1, p0, p1, p2 = q[I - 3 * e], q[I - 2 * e], q[I - e], q[I], q[I + e], q[far]
+    m3, m2, m1, p0, p1 = q[I - 3 * e], q[I - 2 * e], q[I - e], q[I], q[I + e]
     forward = v > 0.0
     center = ti.select(forward, m1, p0)
     a2 = ti.select(forward, m3, p2) - center
@@ -76,11 +76,11 @@ def weno5_value(q: Template, I, e, v, far):
 
 
 @ti.func
-def from_upwind(q: Template, I, e, v, far):
+def from_upwind(q: Template, I, e, v):
     """Return q of the cell upwind of the lower face of cell I along e, and the differences of two more cells upwind
-    (outer cell first) and two downwind. far: see `weno5_value`. Differences are exactly 0 in a uniform field.
+    (outer cell first) and two downwind. Differences are exactly 0 in a uniform field.
     """
-    m3, m2, m1, p0, p1, p2 = q[I - 3 * e], q[I - 2 * e], q[I - e], q[I], q[I + e], q[far]
+    m3, m2, m1, p0, p1, p2 = q[I - 3 * e], q[I - 2 * e], q[I - e], q[I], q[I + e], q[I + 2 * e]
     forward = v > 0.0
     center = ti.select(forward, m1, p0)
     a2 = ti.select(forward, m3, p2) - center
@@ -97,32 +97,45 @@ def fifth_order(a2, a1, b1, b2):
 
 
 @ti.func
-def upwind5_value(q: Template, I, e, v, far):
-    """Return q on the lower face of cell I along e by the linear fifth-order upwind scheme (Wicker & Skamarock 2002,
-    doi:10.1175/1520-0493(2002)130<2088:TSMFEM>2.0.CO;2), limited only where q is not smooth.
+def upwind5_flux(q: Template, I, e, half, p2):
+    """Return the flux v q on the lower face of cell I along e by the linear fifth-order upwind scheme (Wicker &
+    Skamarock 2002, doi:10.1175/1520-0493(2002)130<2088:TSMFEM>2.0.CO;2), limited only where q is not smooth. half: v/2;
+    p2: q of the second cell after I.
 
     Without bounds, short waves grow behind the edges of obstacles. The bounds keep q between the two cells at the face
     and within four times the slope behind the upwind cell. A smooth extremum, with a like curvature in both cells, may
     exceed these bounds as its curvature demands (after Suresh & Huynh 1997, doi:10.1006/jcph.1997.5745).
+
+    b, c, d: differences of neighbours, c across the face; change: twice the difference of the face from the upwind
+    cell. Seen from the other side the scheme is the same, so only two differences depend on the wind's direction.
     """
-    center, a2, a1, b1, b2 = from_upwind(q, I, e, v, far)
-    change = fifth_order(a2, a1, b1, b2)
-    here, there = a1 + b1, b2 - 2.0 * b1
-    # of one sign where neither curvature is four times the other
-    less, more = 4.0 * here - there, 4.0 * there - here
-    room = (1.0 / 3.0) * (greater(0.0, lesser(less, more)) - lesser(0.0, greater(less, more)))
-    most = greater(0.0, lesser(b1, -4.0 * a1)) + room
-    least = lesser(0.0, greater(b1, -4.0 * a1)) - room
-    return center + greater(least, lesser(most, change))
+    m1, p0, p1 = q[I - e], q[I], q[I + e]
+    b, c, d = m1 - q[I - 2 * e], p0 - m1, p1 - p0
+    back = ti.bit_cast(half, ti.i32) < 0  # the sign bit: cheaper than a comparison of numbers
+    near = ti.select(back, d, b)
+    outer = ti.select(back, p2 - p1, q[I - 2 * e] - q[I - 3 * e])
+    change = 0.8 * c + (7.0 / 15.0) * near - (0.1 * (b + d) + (1.0 / 15.0) * outer)
+    # curvatures of one sign, neither four times the other, leave room for an extremum
+    room = greater(0.0, ti.abs(d - b) - (5.0 / 3.0) * ti.abs((c + c) - (b + d)))
+    most = greater(0.0, lesser(c + c, 8.0 * near)) + room
+    least = lesser(0.0, greater(c + c, 8.0 * near)) - room
+    return half * (m1 + p0) + ti.abs(half) * (greater(least, lesser(most, change)) - c)
 
 
 @ti.func
-def koren_between(q: Template, I, e, v, far):
-    """Return `koren_value`, with the signature of the wider schemes; `far` is ignored."""
-    return koren_value(q, I, e, v)
+def koren_flux(q: Template, I, e, half, p2):
+    """Return the flux by `koren_value`; p2 is ignored."""
+    return 2.0 * half * koren_value(q, I, e, half)
 
 
-FACE_VALUES = {"upwind5": upwind5_value, "koren": koren_between, "weno5": weno5_value}
+@ti.func
+def weno5_flux(q: Template, I, e, half, p2):
+    """Return the flux by `weno5_value`."""
+    return 2.0 * half * weno5_value(q, I, e, half, p2)
+
+
+FLUXES = {"upwind5": upwind5_flux, "koren": koren_flux, "weno5": weno5_flux}
+"""ti.func of the field, a cell, a unit vector, half the velocity along it and q of the second cell after the cell."""
 
 
 STEEPEST = 3.0
@@ -149,7 +162,7 @@ def minmod(a, b, c, d):
 @ti.func
 def fifth_order_value(q: Template, I, e, v):
     """Return q >= 0 on the lower face of cell I along e by a bounded fifth-order scheme; v: velocity along e [m/s]."""
-    center, a2, a1, b1, b2 = from_upwind(q, I, e, v, I + 2 * e)
+    center, a2, a1, b1, b2 = from_upwind(q, I, e, v)
     change = fifth_order(a2, a1, b1, b2)
     curved, before, beyond = a1 + b1, a2 - 2.0 * a1, b2 - 2.0 * b1
     median = 0.5 * (b1 - minmod(4.0 * curved - beyond, 4.0 * beyond - curved, curved, beyond))

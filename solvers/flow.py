@@ -46,12 +46,6 @@ from taichi_plume.solvers.walls import Walls, distances
 
 
 @ti.func
-def remembered(u: Template, d: Template, I, dt, k):
-    """Return u_d at face I, the start of a step."""
-    return u[d][I]
-
-
-@ti.func
 def advanced(u: Template, u0: Template, rate: Template, d: Template, I, dt, k):
     """Return u_d at face I after a stage of weight k, from u0 at the start of the step (low-storage Runge-Kutta)."""
     return u0[d][I] + k * ((u[d][I] - u0[d][I]) + dt * rate[d][I])
@@ -68,9 +62,7 @@ def lost(m: Template, rate: Template, d: Template, begins: Template, K, a, b):
         net = 0.0
         for e in ti.static(range(m.dim)):
             for side in range(2):
-                net += (1 - 2 * side) * flux(
-                    m, d, e, ti.static(d == e), I + side * ti.Vector.unit(m.dim, e, ti.i32)
-                )
+                net += (1 - 2 * side) * flux(m, d, e, I + side * ti.Vector.unit(m.dim, e, ti.i32))
         rate[d][I] = net / m.dx
 
 
@@ -164,43 +156,45 @@ class FlowSolver(Carrier):
         axes, faces = range(self.dim), [grid.faces(d) for d in range(self.dim)]
         around = [(begin - 1, end + 1) for begin, end in grid.cells]
 
-        def on_faces(term: Callable, out: Faces, *parts: object) -> Pass:
-            return sweep([partial(term, *parts, d) for d in axes], out, *faces)
+        def on_faces(term: Callable, out: Faces, *parts: object) -> list[Pass]:
+            return [sweep(partial(term, *parts, d), out[d], faces[d]) for d in axes]
 
-        fluxes = [[partial(flux, m, d, e, d == e > 0) for e in axes] for d in axes]
-        lasts = [partial(flux, m, d, 0, d == 0) for d in axes]
-        tendencies = flux_sweep(fluxes, lasts, [partial(tendency, m, d) for d in axes], rate, *faces)
+        tendencies = [
+            flux_sweep([partial(flux, m, d, e) for e in axes], partial(tendency, m, d), rate[d], faces[d])
+            for d in axes
+        ]
         losses = visit(
             [partial(lost, m, rate, d, tuple(begin for begin, _ in faces[d])) for d in axes],
             [tuple(end - begin for begin, end in faces[d]) for d in axes],
         )
-        slipping = surfaces.slipping if surfaces else lambda convection: [convection]
+        slipping = surfaces.slipping if surfaces else lambda convection: convection
         resisting = sum(resistance.cells for resistance in self.resistances)
         fill = ghosts.filling_velocity(u)
-        self._begin = launch(
-            on_faces(remembered, u0, u),
+        self._prepare = launch(
             *(walls.measuring(u) if walls else []),
             *([ghosts.updating_losses(u, m)] if self.boundaries.has_loss else []),
             ghosts.filling_pressure(p, True),
         )
         self._stage = launch(
-            fill,
-            *([sweep([partial(eddy_viscosity, m)], [self.nu], around)] if m.eddies else []),
+            *fill,
+            *([sweep(partial(eddy_viscosity, m), self.nu, around)] if m.eddies else []),
             *([walls.extending(self.nu)] if walls else []),
             *slipping(tendencies),
             *([Pass(self._slow, surfaces.cells)] if surfaces else []),
-            on_faces(advanced, u, u, u0, rate),
+            *on_faces(advanced, u, u, u0, rate),
             *([Pass(self._resist, resisting)] if self.resistances else []),
         )
         self._prescribe = launch(ghosts.prescribing(u, u0))
-        self._diverge = launch(sweep([partial(net_inflow, m)], [self._divergence], grid.cells))
+        self._diverge = launch(sweep(partial(net_inflow, m), self._divergence, grid.cells))
         self._correct = launch(
             ghosts.filling_pressure(phi, False),
-            on_faces(corrected, u, m, phi),
-            sweep([partial(increased, m, phi)], [p], around),
+            *on_faces(corrected, u, m, phi),
+            sweep(partial(increased, m, phi), p, around),
         )
-        self._finish = launch(fill, *self.limits.passes())
-        self._lose = launch(*slipping(losses), *([Pass(self._add_loss, surfaces.cells)] if surfaces else []))
+        self._finish = launch(*fill, *self.limits.passes())
+        self._lose = launch(
+            *slipping([losses]), *([Pass(self._add_loss, surfaces.cells)] if surfaces else [])
+        )
 
     @ti.func
     def _slow(self, dt, k):
@@ -230,6 +224,12 @@ class FlowSolver(Carrier):
         self.max_courant = max(self.max_courant, dt * self.speed_rate)
         if self.heat is not None:
             self.heat.advance(t, dt)
+
+    def _begin(self, dt: float) -> None:
+        """Remember u as the velocity at the start of a step of dt [s]; update what stays the same in the step."""
+        for start, u in zip(self._start, self.u, strict=True):
+            start.copy_from(u)
+        self._prepare(dt)
 
     def _project(self, dt: float) -> None:
         """Project u on divergence-free fields by the gradient of phi; dt [s]: scale of the pressure increment."""

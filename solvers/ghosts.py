@@ -14,9 +14,10 @@ from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 from taichi_plume.grid.fields import Faces
 from taichi_plume.grid.kernels import Pass, Template, visit
+from taichi_plume.grid.sweeps import sweep
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.momentum import Momentum, density
-from taichi_plume.solvers.walls import Walls, straightness
+from taichi_plume.solvers.walls import Walls, lower_face, straightness
 
 
 @ti.data_oriented
@@ -37,9 +38,16 @@ class Ghosts:
         like = [(field, self.b.free[d]) for d in range(self.dim)]
         return visit([partial(body, *given, d) for d in range(self.dim)], self.b.sides, *like)
 
-    def filling_velocity(self, u: Faces) -> Pass:
-        """Return the pass that sets all ghost values of the face velocities u by the boundary conditions."""
-        return self._visit(self._fill_velocity_at, u[0], u)
+    def filling_velocity(self, u: Faces) -> list[Pass]:
+        """Return the passes that set all ghost values of the face velocities u by the boundary conditions."""
+        return [self._filling(u, d, c) for d in range(self.dim) for c in range(self.dim)]
+
+    def _filling(self, u: Faces, d: int, c: int) -> Pass:
+        """Return the pass that sets the ghost values of component c beyond the boundary faces of axis d."""
+        ranges = [(int(a == 0 and d > 0), n) for a, n in enumerate(self.b.sides[d])]  # nothing reads corners
+        beyond = self._mirrored if d == c else self._beyond
+        place = partial(self._ghost, d, d == c)
+        return sweep(partial(beyond, u, d, c), (u[c],) * self.grid.ghost, ranges, place)
 
     def prescribing(self, u: Faces, u0: Faces) -> Pass:
         """Return the pass that sets prescribed velocities at a fraction `a` of the step, between u0 at its start and
@@ -71,69 +79,85 @@ class Ghosts:
             u[d][face] = u0[d][face] + a * (self.b.target[d][K][d] - u0[d][face])
 
     @ti.func
-    def _fill_velocity_at(self, u: Template, d: Template, K, a, b):
-        n = ti.static(self.grid.shape[d])
-        g = ti.static(self.grid.ghost)
-        D = ti.Vector.unit(self.dim, d, ti.i32)
-        side = K[d]
-        inner = K + D * (g + side * (n - 1) - side)  # K[d] is replaced by the first cell inside
-        face = K + D * (g + side * n - side)
-        outward = 2 * side - 1
-        if ti.static(self.grid.periodic[d]):
-            other = inner + D * (n - 1) * (1 - 2 * side)
-            for c in ti.static(range(self.dim)):
-                if ti.static(c != d):
-                    for m in ti.static(range(g)):
-                        u[c][inner + D * outward * (m + 1)] = u[c][other + D * outward * m]
-            if side == 1:  # only the lower face is solved for
-                for m in ti.static(range(g)):
-                    u[d][face + D * m] = u[d][face + D * (m - n)]
-            else:
-                for m in ti.static(range(1, g + 1)):
-                    u[d][face - D * m] = u[d][face + D * (n - m)]
+    def _ghost(self, d: Template, normal: Template, K, m: Template):
+        """Return the m-th ghost value beyond boundary face K of axis d, the nearest first; normal: of u_d."""
+        n, g = ti.static(self.grid.shape[d], self.grid.ghost)
+        D, upper = ti.Vector.unit(self.dim, d, ti.i32), K[d]
+        above = n + g
+        if ti.static(normal and self.grid.periodic[d]):
+            above += m  # only the lower face is solved for
+        elif ti.static(normal):
+            above += ti.static(min(m + 1, g - 1))  # one face less is stored above
         else:
-            V = self.b.target[d][K]
-            for c in ti.static(range(self.dim)):
-                if ti.static(c != d):
-                    wall, drawn = self._conditions(K, d, c, outward)
-                    first = u[c][inner]
-                    straight, bent = 1.0, 0.0
-                    if ti.static(self.lawful):
-                        bend = self.walls.bend_at(K, d, c)
-                        straight = straightness(bend)
-                        bent = V[c] + (1.0 - 2.0 * bend) * (first - V[c])
-                    for m in ti.static(range(g)):
-                        image = u[c][inner - D * outward * ti.static(min(m, n - 1))]
-                        dirichlet = 2.0 * V[c] - image
-                        no_slip = dirichlet
-                        if ti.static(m == 0 and n > 1):  # the parabola through V and two cells
-                            second = u[c][inner - D * outward]
-                            no_slip = (8.0 * V[c] + second) / 3.0 - 2.0 * first
-                        no_slip = straight * no_slip + (1.0 - straight) * bent
-                        value = wall * no_slip + drawn * image + (1.0 - wall - drawn) * dirichlet
-                        u[c][inner + D * outward * (m + 1)] = value
-            at, beyond = u[d][face], u[d][face]
-            if self.b.free[d][K] == 1:
-                beyond = ti.select(at * outward > 0.0, at, 0.0)  # still air comes in
-            for m in ti.static(range(1, g + 1)):
-                if self.b.free[d][K] == 0 and at != 0.0:
-                    beyond = 2.0 * at - u[d][face - D * outward * ti.min(m, n)]
-                if m < g or side == 0:
-                    u[d][face + D * outward * m] = beyond
+            above += m
+        return K + D * (upper * (above - 1) + (1 - upper) * (g - 1 - m))
 
     @ti.func
-    def _conditions(self, K: Template, d: Template, c: Template, outward):
+    def _beyond(self, u: Template, d: Template, c: Template, K, a, b):
+        """Return the ghost values of component c along boundary face K of axis d, the nearest first."""
+        n, g = ti.static(self.grid.shape[d], self.grid.ghost)
+        D, outward = ti.Vector.unit(self.dim, d, ti.i32), 2 * K[d] - 1
+        inner = K + D * (g + K[d] * (n - 1) - K[d])  # K[d] is replaced by the first cell inside
+        values = ti.Vector.zero(ti.f32, g)
+        if ti.static(self.grid.periodic[d]):
+            for m in ti.static(range(g)):
+                values[m] = u[c][inner - D * outward * (n - 1 - m)]
+        else:
+            V = self.b.target[d][K][c]
+            wall, drawn = self._conditions(K, d, c, outward)
+            first = u[c][inner]
+            straight, bent = 1.0, 0.0
+            if ti.static(self.lawful):
+                bend = self.walls.bend_at(K, d, c)
+                straight = straightness(bend)
+                bent = V + (1.0 - 2.0 * bend) * (first - V)
+            for m in ti.static(range(g)):
+                image = u[c][inner - D * outward * ti.static(min(m, n - 1))]
+                dirichlet = 2.0 * V - image
+                no_slip = dirichlet
+                if ti.static(m == 0 and n > 1):  # the parabola through V and two cells
+                    second = u[c][inner - D * outward]
+                    no_slip = (8.0 * V + second) / 3.0 - 2.0 * first
+                no_slip = straight * no_slip + (1.0 - straight) * bent
+                values[m] = wall * no_slip + drawn * image + (1.0 - wall - drawn) * dirichlet
+        return values
+
+    @ti.func
+    def _mirrored(self, u: Template, d: Template, c: Template, K, a, b):
+        """Return the ghost values of the normal component d beyond boundary face K, the nearest first."""
+        n, g = ti.static(self.grid.shape[d], self.grid.ghost)
+        D, upper = ti.Vector.unit(self.dim, d, ti.i32), K[d]
+        outward = 2 * upper - 1
+        face = K + D * (g + upper * n - upper)
+        values = ti.Vector.zero(ti.f32, g)
+        if ti.static(self.grid.periodic[d]):
+            for m in ti.static(range(g)):
+                values[m] = u[d][face + D * (upper * (m - n) + (1 - upper) * (n - m - 1))]
+        else:
+            at = u[d][face]
+            still = ti.select(at * outward > 0.0, at, 0.0)  # still air comes in
+            for m in ti.static(range(g)):
+                away = upper * ti.static(min(m + 1, g - 1, n)) + (1 - upper) * ti.static(min(m + 1, n))
+                mirrored = 2.0 * at - u[d][face - D * outward * away]
+                values[m] = ti.select(self.b.free[d][K] == 1, still, ti.select(at != 0.0, mirrored, at))
+        return values
+
+    @ti.func
+    def _conditions(self, K, d: Template, c: Template, outward):
         """Return the fractions of velocity component c at boundary face K of axis d with a no-slip wall and with zero
         gradient (slip, outflow). The rest is prescribed (Dirichlet). Component c lies between two boundary faces, and
         each counts half.
         """
-        wall, drawn = 0.0, 0.0
-        for step in ti.static(range(2)):
-            cell = K + ti.Vector.unit(self.dim, c, ti.i32) * (ti.max(K[c] - step, 0) - K[c])
-            mirror, speed = self.b.mirror[d][cell][c], self.b.target[d][cell][d]
-            wall += ti.select(mirror < 0.0, 0.5, 0.0)
-            drawn += ti.select(mirror > 0.0 or (mirror == 0.0 and speed * outward > 0.0), 0.5, 0.0)
-        return wall, drawn
+        wall, drawn = self._condition(K, d, c, outward)
+        other_wall, other_drawn = self._condition(lower_face(K, d, c), d, c, outward)
+        return 0.5 * (wall + other_wall), 0.5 * (drawn + other_drawn)
+
+    @ti.func
+    def _condition(self, K, d: Template, c: Template, outward):
+        """Return 1 or 0: whether face K is a no-slip wall, and whether it has zero gradient, for component c."""
+        mirror, speed = self.b.mirror[d][K][c], self.b.target[d][K][d]
+        blown_out = ti.select(mirror == 0.0, ti.select(speed * outward > 0.0, 1.0, 0.0), 0.0)
+        return ti.select(mirror < 0.0, 1.0, 0.0), ti.select(mirror > 0.0, 1.0, blown_out)
 
     @ti.func
     def _fill_pressure_at(self, p: Template, with_ambient: Template, d: Template, K, a, b):

@@ -20,7 +20,7 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.winds import CfdWind
-from taichi_plume.solvers.convection import FACE_VALUES
+from taichi_plume.solvers.convection import FLUXES
 from taichi_plume.solvers.turbulence import MODELS, mixing_lengths
 
 
@@ -129,7 +129,7 @@ class Momentum:
             self._near = grid.pad(distance)
             self.distance, self.mixing = put(self._near), grid.field()
         self.eddy_model = MODELS.get(model.turbulence.kind)
-        self.face_value = FACE_VALUES[model.convection]
+        self.face_flux = FLUXES[model.convection]
         self.driven = model.acceleration is not None
         self.weighing, self.sources = tuple(weighing), tuple(sources)
         self.viscosity, self.constant, self.roughness = (ti.field(ti.f32, ()) for _ in range(3))
@@ -170,18 +170,23 @@ def sheared_areas(areas: Sequence[np.ndarray], d: int) -> list[np.ndarray]:
 
 
 @ti.func
-def convective_flux(m: Template, I, d: Template, e: Template, last: Template):
+def convective_flux(m: Template, I, d: Template, e: Template):
     """Return the convective flux u_e u_d [m²/s²] through the lower e-side of the volume around face I of axis d.
 
-    last: whether I may lie beyond the domain's upper face, where one face less is stored. The convection scheme of m
-    returns u_d on the side.
+    The convection scheme of m returns u_d on the side, times u_e.
     """
     D, E = ti.Vector.unit(m.dim, d, ti.i32), ti.Vector.unit(m.dim, e, ti.i32)
-    v = 0.5 * (m.u[e][I] + m.u[e][I - D])
+    half = 0.25 * (m.u[e][I] + m.u[e][I - D])
     if ti.static(m.cut):
-        v = 0.5 * (m.area[e][I] * m.u[e][I] + m.area[e][I - D] * m.u[e][I - D])
-    far = I + E * (ti.min(m.grid.padded[e] - 1 - I[e], 2) if ti.static(last) else 2)
-    return v * m.face_value(m.u[d], I, E, v, far)
+        half = 0.25 * (m.area[e][I] * m.u[e][I] + m.area[e][I - D] * m.u[e][I - D])
+    second = 0.0
+    if ti.static(d == e and e > 0):  # beyond the domain's upper face one face less is stored
+        second = m.u[d][I + E * ti.min(m.grid.padded[e] - 1 - I[e], 2)]
+    else:
+        second = m.u[d][I + 2 * E]
+    if ti.static(d == e and e == 0):  # along a row a choice of values, as places stay consecutive
+        second = ti.select(I[0] + 2 < m.grid.padded[0], second, m.u[d][I + E])
+    return m.face_flux(m.u[d], I, E, half, second)
 
 
 @ti.func
@@ -193,7 +198,7 @@ def viscosity_at(m: Template, I, d: Template, e: Template):
         if ti.static(d == e):
             result = m.nu[I - D]
         else:
-            result = 0.25 * (m.nu[I] + m.nu[I - D] + m.nu[I - E] + m.nu[I - D - E])
+            result = 0.25 * ((m.nu[I] + m.nu[I - D]) + (m.nu[I - E] + m.nu[I - D - E]))
     return result
 
 
@@ -216,10 +221,10 @@ def stress(m: Template, I, d: Template, e: Template):
 
 
 @ti.func
-def flux(m: Template, d: Template, e: Template, last: Template, I):
+def flux(m: Template, d: Template, e: Template, I):
     """Return the flux of u_d [m²/s²], convection less stress, through the lower e-side of the volume around face I."""
     viscous = stress(m, I, d, e)
-    return convective_flux(m, I, d, e, last) - viscous
+    return convective_flux(m, I, d, e) - viscous
 
 
 # ---------------------------------------------------------------- forces on a face's volume, times dx [m²/s²]

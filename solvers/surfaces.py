@@ -116,11 +116,11 @@ class Surfaces:
             self._mixing = [tables.listed(np.where(part, MIXING * grid.dx, 0.0)) for part in parts]
             self._extension = Extension(self, convex, area, tables)
 
-    def slipping(self, convection: Pass) -> list[Pass]:
+    def slipping(self, convection: list[Pass]) -> list[Pass]:
         """Return `convection` between passes that extend velocities to closed faces and reset them to 0."""
         if self._extension is None or self._extension.cells == 0:
-            return [convection]
-        return [self._extension.setting(), convection, self._extension.clearing()]
+            return convection
+        return [self._extension.setting(), *convection, self._extension.clearing()]
 
     @ti.func
     def _along(self, d: Template, k):

@@ -200,7 +200,9 @@ class SyntheticSolver(Carrier):
         """Make the pass that interpolates u between the two key frames, ghost layers included."""
         pairs = zip(self._before, self._after, strict=True)
         ranges = [(0, n) for n in self.grid.padded]
-        self._blend = launch(sweep([partial(_between, *pair) for pair in pairs], self.u, ranges))
+        self._blend = launch(
+            *(sweep(partial(_between, *pair), u, ranges) for u, pair in zip(self.u, pairs, strict=True))
+        )
 
     def _velocity(self, potential: Potential) -> list[np.ndarray]:
         return curl({m: self._ramp[m] * a for m, a in potential.items()}, self.grid.dx)

@@ -6,9 +6,10 @@ from typing import cast
 import numpy as np
 
 from taichi_plume.engine import ti
-from taichi_plume.engine.fields import on_cpu
-from taichi_plume.grid.kernels import STRIP, Pass
+from taichi_plume.engine.fields import LANES, on_cpu
+from taichi_plume.grid.kernels import Pass
 from taichi_plume.grid.transfer import reader
+from taichi_plume.solvers.convection import greater, lesser
 from taichi_plume.solvers.momentum import Momentum
 
 # Shortest first stage over the step with which no wave grows by fifth-order upwind convection, at Courant numbers 2 %
@@ -59,8 +60,8 @@ class Limits:
         self._rows = tuple(reversed(self.grid.cells[1:]))
         self._found = ti.field(ti.f32, 5)
         self._read = reader(self._found)
-        # Maxima of every 32nd cell of a row, on a CPU: LLVM does not vectorise a maximum along a row.
-        self._width = STRIP if on_cpu() else 1
+        # Maxima of every 8th cell of a row, on a CPU: LLVM does not vectorise a maximum along a row.
+        self._width = LANES if on_cpu() else 1
 
     @ti.func
     def _cell(self, J, i):
@@ -79,18 +80,20 @@ class Limits:
     @ti.func
     def _measure(self, convection, diffusion):
         for J in ti.grouped(ti.ndrange(*self._rows)):
-            width = ti.static(self._width)
+            width, cells = ti.static(self._width, self.grid.shape[0])
             most, out = ti.Vector([0.0] * width), ti.Vector([0.0] * width)
             fastest, stickiest = ti.Vector([0.0] * width), ti.Vector([0.0] * width)
             quickest = ti.Vector([0.0] * width)
-            for k in range((self.grid.shape[0] + width - 1) // width):
-                for n in range(ti.min(width, self.grid.shape[0] - k * width)):
-                    of_cell = self._of_cell(self._cell(J, k * width + n), convection, diffusion)
-                    most[n] = ti.max(most[n], of_cell[0])
-                    out[n] = ti.max(out[n], of_cell[1])
-                    fastest[n] = ti.max(fastest[n], of_cell[2])
-                    stickiest[n] = ti.max(stickiest[n], of_cell[3])
-                    quickest[n] = ti.max(quickest[n], of_cell[4])
+            for k in range((cells + width - 1) // width):
+                strip = ti.row(J, (self.m.u[0],), self.dim, 0, self.grid.ghost + k * width)
+                for n in range(width):
+                    of_cell = self._of_cell(ti.along(strip, n), convection, diffusion)
+                    inside = k * width + n < cells
+                    most[n] = greater(most[n], ti.select(inside, of_cell[0], 0.0))
+                    out[n] = greater(out[n], ti.select(inside, of_cell[1], 0.0))
+                    fastest[n] = greater(fastest[n], ti.select(inside, of_cell[2], 0.0))
+                    stickiest[n] = greater(stickiest[n], ti.select(inside, of_cell[3], 0.0))
+                    quickest[n] = greater(quickest[n], ti.select(inside, of_cell[4], 0.0))
             ti.atomic_max(self._found[0], most.max())
             ti.atomic_max(self._found[1], out.max())
             ti.atomic_max(self._found[2], fastest.max())
@@ -102,13 +105,13 @@ class Limits:
         total, out, fastest, viscosity = 0.0, 0.0, 0.0, 0.0
         for d in ti.static(range(self.dim)):
             low, high = self.m.u[d][I], self.m.u[d][I + ti.Vector.unit(self.dim, d, ti.i32)]
-            speed = ti.max(ti.abs(low), ti.abs(high))
+            speed = greater(ti.abs(low), ti.abs(high))
             total += speed
-            fastest = ti.max(fastest, speed)
-            out += ti.max(high, 0.0) - ti.min(low, 0.0)
+            fastest = greater(fastest, speed)
+            out += greater(high, 0.0) - lesser(low, 0.0)
         if ti.static(self.m.eddies):
             viscosity = self.m.nu[I]
-        rate = convection * total + diffusion * ti.max(viscosity, self.m.viscosity[None])
+        rate = convection * total + diffusion * greater(viscosity, self.m.viscosity[None])
         return ti.Vector([ti.select(total < HUGE, total, HUGE), out, fastest, viscosity, rate])
 
     def read(self) -> tuple[float, ...]:

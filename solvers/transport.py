@@ -21,7 +21,7 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template, launch, visit
-from taichi_plume.grid.sweeps import sweep
+from taichi_plume.grid.sweeps import flux_sweep, sweep
 from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.solvers.convection import Limited
 from taichi_plume.solvers.openings import Patch
@@ -111,7 +111,7 @@ class Transport:
         self._face_value, self._steepest = scheme
         cells = grid.cells
         self._start_step = launch(
-            *([add_sources] if add_sources else []), sweep([self._present], [self._start], cells)
+            *([add_sources] if add_sources else []), sweep(self._present, self._start, cells)
         )
         self._stage = launch(
             visit(
@@ -119,10 +119,16 @@ class Transport:
                 self._sides,
                 *((self.q,) for _ in grid.shape),
             ),
-            sweep([self._tendency], [self.rate], cells),
+            flux_sweep(
+                [partial(self._flux, d) for d in range(self.dim)],
+                self._tendency,
+                self.rate,
+                cells,
+                exact=True,
+            ),
             *([surfaces.into(self.rate, self.q)] if surfaces else []),
             Pass(self._count_outflow, grid.boundary_faces),
-            sweep([self._advanced], [(self.q, self.rest)], cells),
+            sweep(self._advanced, (self.q, self.rest), cells),
         )
 
     def _set_diffusivity(self, diffusivity: float, schmidt: float) -> None:
@@ -159,7 +165,7 @@ class Transport:
         return K
 
     @ti.func
-    def _face_flux(self, I, d: Template):
+    def _flux(self, d: Template, I):
         """Return the flux of q through the lower face of cell I across axis d: convection, and diffusion if open."""
         D = ti.Vector.unit(self.dim, d, ti.i32)
         v = self.wind.u[d][I]
@@ -170,13 +176,8 @@ class Transport:
         return flux
 
     @ti.func
-    def _tendency(self, I, h, stage):
-        """Return dq/dt of cell I by the fluxes of this stage, added to the sum over the previous stages."""
-        net = ti.cast(0.0, ti.f64)
-        for d in ti.static(range(self.dim)):
-            for side in ti.static(range(2)):
-                flux = self._face_flux(I + side * ti.Vector.unit(self.dim, d, ti.i32), d)
-                net += ti.cast((1 - 2 * side) * flux, ti.f64)
+    def _tendency(self, I, net, h, stage):
+        """Return dq/dt of cell I by the net flux of this stage, added to the sum over the previous stages."""
         rate = ti.cast(net, ti.f32) * self.per_length
         if ti.static(self.cut):
             rate /= ti.max(self.room[I], 1e-3)
@@ -225,7 +226,7 @@ class Transport:
                 for i in range(self._sides[d][0]):
                     K[0] = i
                     face = K + ti.static(self.grid.ghost) + D * K[d] * (ti.static(self.grid.shape[d]) - 1)
-                    leaves = ti.cast(self._face_flux(face, d) * (2 * K[d] - 1), ti.f64)
+                    leaves = ti.cast(self._flux(d, face) * (2 * K[d] - 1), ti.f64)
                     out += leaves
                     if ti.static(len(self.inflow) > 0):
                         into -= ti.min(leaves, 0.0)

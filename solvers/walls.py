@@ -48,8 +48,7 @@ class Walls:
         axes = [d for d in range(self.dim) if self.b.is_wall[d].any()]
         inner = {d: [(0, n - (a != d)) for a, n in enumerate(self.b.sides[d])] for d in axes}
         return [
-            sweep([partial(self._measured, u, d)], [(self.bend[d], self.viscosity[d])], inner[d])
-            for d in axes
+            sweep(partial(self._measured, u, d), (self.bend[d], self.viscosity[d]), inner[d]) for d in axes
         ]
 
     def extending(self, nu: Field) -> Pass:
@@ -123,8 +122,19 @@ class Walls:
     @ti.func
     def bend_at(self, K: Template, d: Template, c: Template):
         """Return d ln u/d ln y for component c, mean of the boundary faces K and K - 1 along c; d: axis of the wall."""
-        below = K - ti.Vector.unit(self.dim, c, ti.i32) * ti.min(K[c], 1)
-        return 0.5 * (self.bend[d][K] + self.bend[d][below])
+        return 0.5 * (self.bend[d][K] + self.bend[d][lower_face(K, d, c)])
+
+
+@ti.func
+def lower_face(K, d: Template, c: Template):
+    """Return the boundary face below K along c, or K if it is the first; d: axis of the boundary. Along x, in sweeps
+    over faces of the other axes, K is never the first.
+    """
+    C = ti.Vector.unit(K.n, c, ti.i32)
+    if ti.static(c == 0 and d > 0):
+        return K - C
+    else:  # noqa: RET505  Taichi compiles one branch only
+        return K - C * ti.min(K[c], 1)
 
 
 @ti.func

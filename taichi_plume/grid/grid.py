@@ -151,9 +151,7 @@ class Grid:
     def blending(self, fields: Sequence[Field], goals: Sequence[Field]) -> Callable[[float], None]:
         """Return a function that moves `fields` by a fraction towards `goals`, ghost layers included; 1 is exact."""
         everywhere = [(0, n) for n in self.padded]
-        passes = [
-            sweep([partial(_toward, f, g)], [f], everywhere) for f, g in zip(fields, goals, strict=True)
-        ]
+        passes = [sweep(partial(_toward, f, g), f, everywhere) for f, g in zip(fields, goals, strict=True)]
         return launch(*passes)
 
     def largest_outflow(self, faces: Sequence[np.ndarray]) -> float:

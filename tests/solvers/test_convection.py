@@ -7,14 +7,14 @@ from rooms import TUNNEL, air_in, blocks, cfd, eulerian, flow_in, missing
 from taichi_plume.engine import ti
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.transfer import reader, uploader
-from taichi_plume.solvers.convection import FACE_VALUES, LIMITED
+from taichi_plume.solvers.convection import FLUXES, LIMITED
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.prescribed_wind import PrescribedWind
 from taichi_plume.validation.flow_cases import advance, faces, laminar_flow, periodic, rms, velocities
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-SCHEMES = (*FACE_VALUES, *(f"limited {name}" for name in LIMITED))
+SCHEMES = (*FLUXES, *(f"limited {name}" for name in LIMITED))
 OF_GAS = ("koren", "weno5")
 CELLS = 40
 
@@ -30,8 +30,8 @@ def reconstructed(taichi):
     def at_faces(v: float):
         for i in range(3, CELLS + 3):
             I, e = ti.Vector([i]), ti.Vector([1])
-            for scheme in ti.static(tuple(FACE_VALUES)):
-                out[scheme][i] = FACE_VALUES[scheme](q, I, e, v, I + 2)
+            for scheme in ti.static(tuple(FLUXES)):
+                out[scheme][i] = FLUXES[scheme](q, I, e, 0.5 * v, q[I + 2]) / v
             for scheme in ti.static(tuple(LIMITED)):
                 limited[scheme][i] = LIMITED[scheme].value(q, I, e, v)
 
