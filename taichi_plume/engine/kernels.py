@@ -142,6 +142,7 @@ class Bound:
         self.first = len(self.setters)
         self.reusable = on_cpu()
         self.context = self._context() if self.reusable else None
+        self.last: list[Any] = [None] * self.first  # arguments of the last launch, which the context has
 
     @property
     def usable(self) -> bool:
@@ -162,9 +163,14 @@ class Bound:
         return context
 
     def __call__(self, *arguments: Any) -> Any:
-        context = self.context or self._context()
-        for (put, place), argument in zip(self.setters, arguments, strict=True):
-            put(context, place, argument)
+        context, last = self.context or self._context(), self.last
+        if len(arguments) != len(last):
+            raise TypeError(f"{self.kernel.__name__} takes {len(last)} arguments, got {len(arguments)}")
+        for n, argument in enumerate(arguments):
+            if argument is not last[n] or self.context is None:
+                put, place = self.setters[n]
+                put(context, place, argument)
+                last[n] = argument
         self.program.launch_kernel(self.instance.compiled, context)
         if self.returns:
             if not self.reusable:
