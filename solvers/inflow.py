@@ -14,7 +14,7 @@ has no eddies of that length: shaking its whole jet with the full intensity woul
 again. There, shorter eddies that the cells do not resolve are left out, and the intensity is less.
 """
 
-from math import ceil, pi, sqrt
+from math import ceil, cos, pi, sin, sqrt
 
 import numpy as np
 from scipy.fft import ifft
@@ -142,7 +142,8 @@ class Fluctuations:
             for a in range(self.dim)
         ]
         self._boxes: dict[int, np.ndarray] = {}
-        self._faces: dict[tuple[int, int], np.ndarray] = {}
+        self._places: list[tuple[int, int]] = []  # of `_planes`: box and number
+        self._planes = np.empty(0, np.float32)
 
     def _scales(self) -> np.ndarray:
         """Return the factors that give each velocity component its standard deviation on the staggered grid.
@@ -176,9 +177,9 @@ class Fluctuations:
         return self._boxes[number]
 
     def _face(self, number: int, place: int) -> np.ndarray:
-        """Return the velocities over the face of a plane of box `number`, (dim, *window); the last ones are kept."""
-        if (number, place) in self._faces:
-            return self._faces[number, place]
+        """Return the velocities over the face of a plane of box `number`, (dim, *window)."""
+        if (number, place) in self._places:
+            return self._planes[self._places.index((number, place))]
         waves = self._box(number)[place]
         for table in self._tables:
             waves = np.tensordot(waves, table, axes=(1, 0))
@@ -190,18 +191,23 @@ class Fluctuations:
         whole, f = divmod(self.travelled / self.waves.spacing, 1.0)
         overlap, size = self.waves.overlap, self.waves.planes
         number = int(whole) // overlap
+        places = [
+            (n, (int(whole) - n * overlap + k) % size) for n in (number - 1, number) for k in range(-1, 3)
+        ]
+        if places != self._places:  # else the four planes around the face are the same in both boxes
+            self._planes = np.stack([self._face(*at) for at in places])
+            self._places = places
         cubic = np.array(
-            [-f * (f - 1) * (f - 2), 3 * (f + 1) * (f - 1) * (f - 2), -3 * (f + 1) * f * (f - 2)]
+            [
+                -f * (f - 1) * (f - 2),
+                3 * (f + 1) * (f - 1) * (f - 2),
+                -3 * (f + 1) * f * (f - 2),
+                (f + 1) * f * (f - 1),
+            ]
         )
-        cubic = np.append(cubic, (f + 1) * f * (f - 1)) / 6.0
         turn = 0.5 * pi * ((whole + f) / overlap - number)
-        weights: dict[tuple[int, int], float] = {}
-        for n, share in ((number - 1, np.cos(turn)), (number, np.sin(turn))):
-            places = (int(whole) - n * overlap + np.arange(-1, 3)) % size
-            weights |= {(n, int(place)): share * w for place, w in zip(places, cubic, strict=True)}
-        self._faces = {at: self._face(*at) for at in weights}
-        shares = np.array([*weights.values()], np.float32)
-        now = np.tensordot(shares, np.stack([*self._faces.values()]), axes=1)
+        shares = np.outer((cos(turn), sin(turn)), cubic / 6.0).astype(np.float32)
+        now = (shares.reshape(-1) @ self._planes.reshape(8, -1)).reshape(self._planes.shape[1:])
         planes = np.zeros((self.dim, *self.patch.covered.shape))
         planes[(slice(None), *self._window)] = now
         planes *= self._here
