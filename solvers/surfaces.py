@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import correlate1d, uniform_filter1d
 
 from taichi_plume.engine import ti
-from taichi_plume.engine.fields import Field
+from taichi_plume.engine.fields import LANES, Field
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.kernels import Pass, Template
 from taichi_plume.grid.tables import Tables
@@ -191,9 +191,14 @@ class Surfaces:
     def slow(self, rate: Template, dt: float):
         """Subtract the surfaces' friction from the rates of change of u [m/s²], implicitly, as friction is stiff."""
         for d in ti.static(range(self.dim)):
-            for k in range(ti.static(self._count[d])):
-                I, f, along = self._friction(d, k)
-                rate[d][I] = (rate[d][I] - f * along) / (1.0 + dt * f)
+            count = self._count[d]
+            for k in range((count + LANES - 1) // LANES):
+                values = ti.Vector([0.0] * LANES)
+                for n in range(LANES):
+                    I, f, along = self._friction(d, ti.min(k * LANES + n, count - 1))
+                    values[n] = (rate[d][I] - f * along) / (1.0 + dt * f)
+                for n in range(ti.min(LANES, count - k * LANES)):
+                    rate[d][self._cell[d][k * LANES + n]] = values[n]
 
     @ti.func
     def add_loss(self, loss: Template):
