@@ -2,7 +2,8 @@
 
 On a CPU a row of cells is cut into strips of LANES cells. LLVM makes vector instructions of a loop over a strip, as it
 has a constant length and stores nothing global; the stores follow one by one. The last strip of a row computes up to
-LANES - 1 cells beyond the row, which are not stored: bodies must stand that (fields have some SLACK behind them).
+LANES - 1 cells beyond the row, which are not stored: bodies must stand that (fields have some SLACK behind them). An
+array of several strips is filled by copying strips, as LLVM makes no vectors of a loop that computes into its middle.
 """
 
 from collections.abc import Callable, Sequence
@@ -103,9 +104,8 @@ def sweep(body: Callable, out: Field | tuple[Field, ...], ranges: Ranges, place:
 
 class _FluxSweep:
     def __init__(self, fluxes: Sequence[Callable], body: Callable, out: Field, ranges: Ranges, exact: bool):
-        self.fluxes, self.body, self.out, self.ranges, self.exact = (
-            tuple(fluxes), body, out, tuple(ranges), exact
-        )  # fmt: skip
+        self.fluxes, self.body, self.out, self.exact = tuple(fluxes), body, out, exact
+        self.ranges = tuple(reversed(ranges))  # last axis slowest
         self.dim, self.cells = len(ranges), prod(end - begin for begin, end in ranges)
         (self.begin, self.end), (self.low, self.high) = ranges[:2]
         self.bottom, self.top = ranges[2] if self.dim == 3 else (0, 1)
@@ -177,7 +177,7 @@ class _FluxSweep:
 
     @ti.func
     def by_cell(self, a, b):
-        for J in ti.grouped(ti.ndrange(*reversed(self.ranges))):
+        for J in ti.grouped(ti.ndrange(*self.ranges)):
             I = ti.along(ti.row(J, (self.out,)), J[self.dim - 1])
             net = self.less(0.0, 0.0)
             for e in ti.static(range(self.dim)):
