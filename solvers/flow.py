@@ -169,14 +169,13 @@ class FlowSolver(Carrier):
         )
         slipping = surfaces.slipping if surfaces else lambda convection: convection
         resisting = sum(resistance.cells for resistance in self.resistances)
-        fill = ghosts.filling_velocity(u)
         self._prepare = launch(
             *(walls.measuring(u) if walls else []),
             *([ghosts.updating_losses(u, m)] if self.boundaries.has_loss else []),
             ghosts.filling_pressure(p, True),
         )
+        self._fill = launch(*ghosts.filling_velocity(u))
         self._stage = launch(
-            *fill,
             *([sweep(partial(eddy_viscosity, m), self.nu, around)] if m.eddies else []),
             *([walls.extending(self.nu)] if walls else []),
             *slipping(tendencies),
@@ -191,7 +190,7 @@ class FlowSolver(Carrier):
             *on_faces(corrected, u, m, phi),
             sweep(partial(increased, m, phi), p, around),
         )
-        self._finish = launch(*fill, *self.limits.passes())
+        self._find_limits = launch(*self.limits.passes())
         self._lose = launch(
             *slipping([losses]), *([Pass(self._add_loss, surfaces.cells)] if surfaces else [])
         )
@@ -215,12 +214,13 @@ class FlowSolver(Carrier):
             resistance.advance(t, dt)
         self._begin(dt)
         for k, c, lag in self._stages:
+            self._fill()
             self._stage(dt, k)
             self._prescribe(c)
             if lag > 0.0:
                 self._project(lag * dt)
-        self._finish(*self._weights)
-        self._read_limits()
+        self._fill()
+        self._measure()
         self.max_courant = max(self.max_courant, dt * self.speed_rate)
         if self.heat is not None:
             self.heat.advance(t, dt)
@@ -258,9 +258,10 @@ class FlowSolver(Carrier):
         self._begin(1.0)
         self._prescribe(1.0)
         self._project(1.0)
+        self._fill()
         self._stage(0.0, 1.0)  # sets the eddy viscosity
-        self._finish(*self._weights)
-        self._read_limits()
+        self._fill()
+        self._measure()
         self.p.fill(0.0)
 
     def _impulse(self) -> Field:
@@ -275,7 +276,9 @@ class FlowSolver(Carrier):
 
     # ---------------------------------------------------------------- limits and diagnostics
 
-    def _read_limits(self) -> None:
+    def _measure(self) -> None:
+        """Measure what limits the next step."""
+        self._find_limits(*self._weights)
         self.speed_rate, self.outflow_rate, self.max_speed, viscosity, self.step_rate = self.limits.read()
         self.max_viscosity = max(viscosity, self.viscosity)
 

@@ -6,7 +6,6 @@ from taichi_plume.engine import ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Faces
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import launch
 from taichi_plume.scenario.winds import FrozenWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.momentum import BuoyantScalar
@@ -45,8 +44,6 @@ class FrozenSolver(FlowSolver):
         self.means = tuple(self.grid.field() for _ in moving)
         self._average = self.grid.blending(self.means, moving)
         self._stand_still = self.grid.blending(moving, self.means)
-        # unlike `_finish`, without filling ghosts: beyond the inlets the mean counts, not the last gust
-        self._measure_mean = launch(*self.limits.passes())
 
     def stable_dt(self, t: float = 0.0) -> float:
         """Return the largest stable time step [s] of the flow at time t; infinite once the flow is frozen."""
@@ -62,7 +59,6 @@ class FrozenSolver(FlowSolver):
             self._averaged += dt
             self._average(dt / self._averaged)
         if end >= self.until:
-            self._stand_still(1.0)
-            self._measure_mean(*self._weights)
-            self._read_limits()
+            self._stand_still(1.0)  # ghosts too: beyond the inlets the mean counts, not the last gust
+            self._measure()
             self.frozen = True
