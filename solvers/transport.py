@@ -110,9 +110,7 @@ class Transport:
         self._set_diffusivity(diffusivity, schmidt)
         self._face_value, self._steepest = scheme
         cells = grid.cells
-        self._start_step = launch(
-            *([add_sources] if add_sources else []), sweep(self._present, self._start, cells)
-        )
+        self._add_sources = launch(add_sources) if add_sources else None
         self._stage = launch(
             visit(
                 [partial(self._fill, d) for d in range(self.dim)],
@@ -184,10 +182,6 @@ class Transport:
         return rate + ti.select(stage > FIRST, self.rate[I], 0.0)
 
     @ti.func
-    def _present(self, I, dt, k):
-        return self.q[I]
-
-    @ti.func
     def _advanced(self, I, h, stage):
         """Return q of cell I after a stage, and its rounding error, which only the last stage updates."""
         q, rest = raised(self._start[I], self.rest[I], self.rate[I], h)
@@ -257,7 +251,9 @@ class Transport:
         stages of dt/(s - 1), another stage, and the mean of their rates over the step.
         """
         stages = 1 + max(1, ceil(self._euler_steps(dt) - 1e-9))
-        self._start_step(dt)
+        if self._add_sources is not None:
+            self._add_sources(dt)
+        self._start.copy_from(self.q)
         for n in range(stages - 1):
             self._stage(dt / (stages - 1), FIRST if n == 0 else BETWEEN)
         self._stage(dt / stages, LAST)
