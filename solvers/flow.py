@@ -18,7 +18,7 @@ from taichi_plume.engine.fields import Field
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, Faces
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass, Template, launch, visit
+from taichi_plume.grid.kernels import Pass, Template, launch
 from taichi_plume.grid.sweeps import flux_sweep, sweep
 from taichi_plume.grid.tables import Tables
 from taichi_plume.grid.transfer import reader, uploader
@@ -52,18 +52,11 @@ def advanced(u: Template, u0: Template, rate: Template, d: Template, I, dt, k):
 
 
 @ti.func
-def lost(m: Template, rate: Template, d: Template, begins: Template, K, a, b):
-    """Set `rate` at a face of axis d that an obstacle closes to the momentum that flows to it, per time and volume of a
-    whole cell [m/s²]; 0 at other faces.
+def lost(m: Template, d: Template, I, net, a, b):
+    """Return the momentum that flows to face I of axis d per time and volume of a whole cell [m/s²] where an obstacle
+    closes the face; 0 at other faces. net: sum of `flux` into the volume around the face.
     """
-    I = K + ti.Vector(begins)
-    rate[d][I] = 0.0
-    if m.open[d][I] <= 0.0:
-        net = 0.0
-        for e in ti.static(range(m.dim)):
-            for side in range(2):
-                net += (1 - 2 * side) * flux(m, d, e, I + side * ti.Vector.unit(m.dim, e, ti.i32))
-        rate[d][I] = net / m.dx
+    return ti.select(m.open[d][I] <= 0.0, net / m.dx, 0.0)
 
 
 @ti.data_oriented
@@ -159,40 +152,36 @@ class FlowSolver(Carrier):
         def on_faces(term: Callable, out: Faces, *parts: object) -> list[Pass]:
             return [sweep(partial(term, *parts, d), out[d], faces[d]) for d in axes]
 
-        tendencies = [
-            flux_sweep([partial(flux, m, d, e) for e in axes], partial(tendency, m, d), rate[d], faces[d])
-            for d in axes
-        ]
-        losses = visit(
-            [partial(lost, m, rate, d, tuple(begin for begin, _ in faces[d])) for d in axes],
-            [tuple(end - begin for begin, end in faces[d]) for d in axes],
-        )
+        def of_fluxes(term: Callable) -> list[Pass]:
+            fluxes = [[partial(flux, m, d, e) for e in axes] for d in axes]
+            return [flux_sweep(fluxes[d], partial(term, m, d), rate[d], faces[d]) for d in axes]
+
         slipping = surfaces.slipping if surfaces else lambda convection: convection
         resisting = sum(resistance.cells for resistance in self.resistances)
         self._prepare = launch(
             *(walls.measuring(u) if walls else []),
-            *([ghosts.updating_losses(u, m)] if self.boundaries.has_loss else []),
-            ghosts.filling_pressure(p, True),
+            *(ghosts.updating_losses(u, m) if self.boundaries.has_loss else []),
+            *ghosts.filling_pressure(p, True),
         )
         self._fill = launch(*ghosts.filling_velocity(u))
         self._stage = launch(
             *([sweep(partial(eddy_viscosity, m), self.nu, around)] if m.eddies else []),
-            *([walls.extending(self.nu)] if walls else []),
-            *slipping(tendencies),
+            *(walls.extending(self.nu) if walls else []),
+            *slipping(of_fluxes(tendency)),
             *([Pass(self._slow, surfaces.cells)] if surfaces else []),
             *on_faces(advanced, u, u, u0, rate),
             *([Pass(self._resist, resisting)] if self.resistances else []),
         )
-        self._prescribe = launch(ghosts.prescribing(u, u0))
+        self._prescribe = launch(*ghosts.prescribing(u, u0))
         self._diverge = launch(sweep(partial(net_inflow, m), self._divergence, grid.cells))
         self._correct = launch(
-            ghosts.filling_pressure(phi, False),
+            *ghosts.filling_pressure(phi, False),
             *on_faces(corrected, u, m, phi),
             sweep(partial(increased, m, phi), p, around),
         )
         self._find_limits = launch(*self.limits.passes())
         self._lose = launch(
-            *slipping([losses]), *([Pass(self._add_loss, surfaces.cells)] if surfaces else [])
+            *slipping(of_fluxes(lost)), *([Pass(self._add_loss, surfaces.cells)] if surfaces else [])
         )
 
     @ti.func

@@ -7,13 +7,12 @@ image lies on the parabola through V and the two cells inside, so that friction 
 that parabola by the law of the wall beyond the viscous layer.
 """
 
-from collections.abc import Callable
 from functools import partial
 
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 from taichi_plume.grid.fields import Faces
-from taichi_plume.grid.kernels import Pass, Template, visit
+from taichi_plume.grid.kernels import Pass, Template
 from taichi_plume.grid.sweeps import sweep
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.momentum import Momentum, density
@@ -28,16 +27,6 @@ class Ghosts:
         self.b, self.walls, self.lawful = boundaries, walls, walls is not None
         self.grid, self.dim = boundaries.grid, boundaries.dim
 
-    def _visit(
-        self, body: Callable[..., None], field: Field, *given: Field | Faces | Momentum | bool
-    ) -> Pass:
-        """Return the pass that calls ``body(*given, d, K, a, b)`` for all boundary faces K of each axis d.
-
-        K[d] is 0 on the lower side of the domain and 1 on the upper one; field: a padded field that is visited.
-        """
-        like = [(field, self.b.free[d]) for d in range(self.dim)]
-        return visit([partial(body, *given, d) for d in range(self.dim)], self.b.sides, *like)
-
     def filling_velocity(self, u: Faces) -> list[Pass]:
         """Return the passes that set all ghost values of the face velocities u by the boundary conditions."""
         return [self._filling(u, d, c) for d in range(self.dim) for c in range(self.dim)]
@@ -49,34 +38,60 @@ class Ghosts:
         place = partial(self._ghost, d, d == c)
         return sweep(partial(beyond, u, d, c), (u[c],) * self.grid.ghost, ranges, place)
 
-    def prescribing(self, u: Faces, u0: Faces) -> Pass:
-        """Return the pass that sets prescribed velocities at a fraction `a` of the step, between u0 at its start and
+    def prescribing(self, u: Faces, u0: Faces) -> list[Pass]:
+        """Return the passes that set prescribed velocities at a fraction `a` of the step, between u0 at its start and
         the targets at its end, and the upper faces of periodic axes.
         """
-        return self._visit(self._prescribe_at, u[0], u, u0)
+        return [
+            sweep(partial(self._prescribed, u, u0, d), u[d], self._sides(d), partial(self._face, d))
+            for d in range(self.dim)
+        ]
 
-    def filling_pressure(self, p: Field, with_ambient: bool) -> Pass:
-        """Return the pass that sets the ghost values of p such that free faces have the ambient pressure (or zero)."""
-        return self._visit(self._fill_pressure_at, p, p, with_ambient)
+    def filling_pressure(self, p: Field, with_ambient: bool) -> list[Pass]:
+        """Return the passes that set the ghost values of p such that free faces have the ambient pressure (or zero)."""
+        return [
+            sweep(partial(self._outer, p, with_ambient, d), p, self._sides(d), partial(self._first_ghost, d))
+            for d in range(self.dim)
+        ]
 
-    def updating_losses(self, u: Faces, m: Momentum) -> Pass:
-        """Return the pass that sets the pressure on free faces from the loss K/2 rho u|u|, rho the density of the air
+    def updating_losses(self, u: Faces, m: Momentum) -> list[Pass]:
+        """Return the passes that set the pressure on free faces from the loss K/2 rho u|u|, rho the density of the air
         that passes over the reference density: of the cell inside if air goes out, else 1.
 
         The pressure relaxes over dt (a) at the rate that is stable for any loss coefficient K.
         """
-        return self._visit(self._update_loss_at, u[0], u, m)
+        return [
+            sweep(partial(self._relaxed, u, m, d), self.b.ambient[d], self._sides(d)) for d in range(self.dim)
+        ]
+
+    def _sides(self, d: int) -> list[tuple[int, int]]:
+        """Return the range of the boundary faces K of axis d: K[d] is 0 on the lower side of the domain, else 1."""
+        return [(0, n) for n in self.b.sides[d]]
 
     @ti.func
-    def _prescribe_at(self, u: Template, u0: Template, d: Template, K, a, b):
-        n = ti.static(self.grid.shape[d])
-        D = ti.Vector.unit(self.dim, d, ti.i32)
-        face = K + D * (self.grid.ghost + K[d] * n - K[d])
-        if ti.static(self.grid.periodic[d]):
-            if K[d] == 1:  # only the lower face is solved for
-                u[d][face] = u[d][face - D * n]
-        elif self.b.free[d][K] == 0:
-            u[d][face] = u0[d][face] + a * (self.b.target[d][K][d] - u0[d][face])
+    def _face(self, d: Template, K, m: Template):
+        """Return the place of boundary face K of axis d among the faces."""
+        n, g = ti.static(self.grid.shape[d], self.grid.ghost)
+        return K + ti.Vector.unit(self.dim, d, ti.i32) * (g + K[d] * n - K[d])
+
+    @ti.func
+    def _first_ghost(self, d: Template, K, m: Template):
+        """Return the first ghost cell beyond boundary face K of axis d."""
+        n, g = ti.static(self.grid.shape[d], self.grid.ghost)
+        return K + ti.Vector.unit(self.dim, d, ti.i32) * (g - 1 + K[d] * (n + 1) - K[d])
+
+    @ti.func
+    def _prescribed(self, u: Template, u0: Template, d: Template, K, a, b):
+        face, n = self._face(d, K, 0), ti.static(self.grid.shape[d])
+        result = u[d][face]
+        if ti.static(self.grid.periodic[d]):  # only the lower face is solved for
+            result = ti.select(
+                K[d] == 1, u[d][face - ti.Vector.unit(self.dim, d, ti.i32) * (K[d] * n)], result
+            )
+        else:
+            target = u0[d][face] + a * (self.b.target[d][K][d] - u0[d][face])
+            result = ti.select(self.b.free[d][K] == 0, target, result)
+        return result
 
     @ti.func
     def _ghost(self, d: Template, normal: Template, K, m: Template):
@@ -160,24 +175,25 @@ class Ghosts:
         return ti.select(mirror < 0.0, 1.0, 0.0), ti.select(mirror > 0.0, 1.0, blown_out)
 
     @ti.func
-    def _fill_pressure_at(self, p: Template, with_ambient: Template, d: Template, K, a, b):
+    def _outer(self, p: Template, with_ambient: Template, d: Template, K, a, b):
+        """Return the pressure in the first ghost cell beyond boundary face K of axis d."""
         n = ti.static(self.grid.shape[d])
         D = ti.Vector.unit(self.dim, d, ti.i32)
-        inner = K + D * (self.grid.ghost + K[d] * (n - 1) - K[d])
-        outer = inner + D * (2 * K[d] - 1)
+        inner = self._first_ghost(d, K, 0) + D * (1 - 2 * K[d])
+        result = 0.0
         if ti.static(self.grid.periodic[d]):
-            p[outer] = p[inner + D * (n - 1) * (1 - 2 * K[d])]
+            result = p[inner + D * (n - 1) * (1 - 2 * K[d])]
         else:
-            p[outer] = 2.0 * self.b.ambient[d][K] * with_ambient - p[inner]
+            result = 2.0 * self.b.ambient[d][K] * with_ambient - p[inner]
+        return result
 
     @ti.func
-    def _update_loss_at(self, u: Template, m: Template, d: Template, K, dt, b):
-        if self.b.free[d][K] == 1:
-            n = ti.static(self.grid.shape[d])
-            face = K + ti.Vector.unit(self.dim, d, ti.i32) * (self.grid.ghost + K[d] * n - K[d])
-            out = u[d][face] * (2 * K[d] - 1)
-            inner = face - ti.Vector.unit(self.dim, d, ti.i32) * K[d]
-            k = self.b.loss[d][K] * ti.select(out > 0.0, density(m, inner), 1.0)
-            drop = 0.5 * k * out * ti.abs(out)
-            relax = 1.0 / (1.0 + 2.0 * k * ti.abs(out) * dt / ti.static(self.grid.dx))
-            self.b.ambient[d][K] += relax * (drop - self.b.ambient[d][K])
+    def _relaxed(self, u: Template, m: Template, d: Template, K, dt, b):
+        """Return the pressure on boundary face K of axis d, after a time dt if it is free."""
+        face, before = self._face(d, K, 0), self.b.ambient[d][K]
+        out = u[d][face] * (2 * K[d] - 1)
+        inner = face - ti.Vector.unit(self.dim, d, ti.i32) * K[d]
+        k = self.b.loss[d][K] * ti.select(out > 0.0, density(m, inner), 1.0)
+        drop = 0.5 * k * out * ti.abs(out)
+        relax = 1.0 / (1.0 + 2.0 * k * ti.abs(out) * dt / ti.static(self.grid.dx))
+        return ti.select(self.b.free[d][K] == 1, before + relax * (drop - before), before)

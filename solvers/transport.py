@@ -20,7 +20,7 @@ from taichi_plume.engine.fields import Field
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass, Template, launch, visit
+from taichi_plume.grid.kernels import Pass, Template, launch
 from taichi_plume.grid.sweeps import flux_sweep, sweep
 from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.solvers.convection import Limited
@@ -112,10 +112,9 @@ class Transport:
         cells = grid.cells
         self._add_sources = launch(add_sources) if add_sources else None
         self._stage = launch(
-            visit(
-                [partial(self._fill, d) for d in range(self.dim)],
-                self._sides,
-                *((self.q,) for _ in grid.shape),
+            *(
+                sweep(partial(self._beyond, d), (self.q,) * grid.ghost, ranges, partial(self._ghost, d))
+                for d, ranges in enumerate([(0, n) for n in side] for side in self._sides)
             ),
             flux_sweep(
                 [partial(self._flux, d) for d in range(self.dim)],
@@ -188,23 +187,33 @@ class Transport:
         return ti.Vector([q, ti.select(stage == LAST, rest, self.rest[I])])
 
     @ti.func
-    def _fill(self, d: Template, J, h, stage):
-        """Fill ghost cells across axis d: zero gradient at outflow, inflow values, periodic."""
+    def _ghost(self, d: Template, J, m: Template):
+        """Return the m-th ghost cell beyond boundary face J of axis d, the nearest first."""
+        n, g = ti.static(self.grid.shape[d], self.grid.ghost)
+        return J + g + ti.Vector.unit(self.dim, d, ti.i32) * (J[d] * (n + 2 * m) - 1 - m)
+
+    @ti.func
+    def _beyond(self, d: Template, J, h, stage):
+        """Return q in the ghost cells beyond boundary face J of axis d: zero gradient at outflow, inflow values,
+        periodic.
+        """
         n, g = ti.static(self.grid.shape[d], self.grid.ghost)
         D = ti.Vector.unit(self.dim, d, ti.i32)
         outward = 2 * J[d] - 1
         inner = J + g + D * J[d] * (n - 2)
+        values = ti.Vector.zero(ti.f32, g)
         if ti.static(self.grid.periodic[d]):
-            for m in ti.static(range(1, g + 1)):
-                self.q[inner + D * outward * m] = self.q[inner - D * outward * (n - m)]
+            for m in ti.static(range(g)):
+                values[m] = self.q[inner - D * outward * (n - 1 - m)]
         else:
             out = self.wind.u[d][inner + D * J[d]] * outward
             beyond = 0.0
             if ti.static(len(self.inflow) > 0):
                 beyond = self.inflow[d][J]
             value = ti.select(out >= 0.0, self.q[inner], beyond)
-            for m in ti.static(range(1, g + 1)):
-                self.q[inner + D * outward * m] = value
+            for m in ti.static(range(g)):
+                values[m] = value
+        return values
 
     @ti.func
     def _count_outflow(self, h, stage):

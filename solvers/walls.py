@@ -18,7 +18,7 @@ from taichi_plume.engine.fields import Field
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.geometry_cache import geometry_cached
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass, Template, visit
+from taichi_plume.grid.kernels import Pass, Template
 from taichi_plume.grid.sweeps import sweep
 from taichi_plume.grid.transfer import reader
 from taichi_plume.solvers.boundaries import Boundaries
@@ -51,22 +51,28 @@ class Walls:
             sweep(partial(self._measured, u, d), (self.bend[d], self.viscosity[d]), inner[d]) for d in axes
         ]
 
-    def extending(self, nu: Field) -> Pass:
-        """Return the pass that sets the viscosity nu beyond the domain's faces: at walls such that the mean with the
+    def extending(self, nu: Field) -> list[Pass]:
+        """Return the passes that set the viscosity nu beyond the domain's faces: at walls such that the mean with the
         cell inside is that of the law, elsewhere as inside (zero gradient).
         """
-        axes = [d for d in range(self.dim) if not self.grid.periodic[d]]
-        return visit(
-            [partial(self._extend, nu, d) for d in axes],
-            [self.b.sides[d] for d in axes],
-            *((nu, self.viscosity[d]) for d in axes),
-        )
+        return [
+            sweep(
+                partial(self._beyond, nu, d), nu, [(0, n) for n in self.b.sides[d]], partial(self._outside, d)
+            )
+            for d in range(self.dim)
+            if not self.grid.periodic[d]
+        ]
 
     @ti.func
-    def _extend(self, nu: Template, d: Template, K, a, b):
+    def _outside(self, d: Template, K, m: Template):
         first, outward = self.first_cell(K, d)
+        return first + outward
+
+    @ti.func
+    def _beyond(self, nu: Template, d: Template, K, a, b):
+        first, _ = self.first_cell(K, d)
         wall = self.b.mirror[d][K][d] < 0.0
-        nu[first + outward] = ti.select(wall, 2.0 * self.viscosity[d][K] - nu[first], nu[first])
+        return ti.select(wall, 2.0 * self.viscosity[d][K] - nu[first], nu[first])
 
     @ti.func
     def first_cell(self, K, d: Template):

@@ -3,12 +3,11 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from math import prod
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from taichi_plume.engine import ti
 from taichi_plume.engine.conditions import code
-from taichi_plume.engine.fields import Field, on_cpu
+from taichi_plume.engine.fields import on_cpu
 from taichi_plume.engine.kernels import Kernel, data_flow_by_llvm
 
 if TYPE_CHECKING:
@@ -31,43 +30,6 @@ class Pass:
 
     run: Callable[[Expression, Expression], None]
     cells: int
-
-
-class _Visit:
-    def __init__(
-        self, bodies: Sequence[Callable], shapes: Sequence[tuple[int, ...]], like: Sequence[Sequence[Field]]
-    ):
-        self.dim, self.pairs = len(shapes[0]), tuple(range(len(bodies)))
-        self.bodies = tuple(bodies)
-        self.like = tuple(tuple(fields) for fields in like) or ((),) * len(bodies)
-        # Axis 0 is contiguous: the innermost loop on a CPU, but for the two sides of axis 0, and neighbouring threads
-        # on a GPU.
-        self.axes = tuple(int(on_cpu() and self.dim > 1 and shape[0] == 2) for shape in shapes)
-        self.lengths = tuple(shape[axis] for shape, axis in zip(shapes, self.axes, strict=True))
-        self.rows = tuple(
-            tuple(n for d, n in reversed(list(enumerate(shape))) if d != axis or not on_cpu())
-            for shape, axis in zip(shapes, self.axes, strict=True)
-        )
-        self.serial = on_cpu()
-
-    @ti.func
-    def run(self, a, b):
-        for q in ti.static(self.pairs):
-            for J in ti.grouped(ti.ndrange(*self.rows[q])):
-                here = ti.row(J, self.like[q], self.dim, self.axes[q])
-                if ti.static(self.serial):
-                    for i in range(self.lengths[q]):
-                        self.bodies[q](ti.along(here, i, self.axes[q]), a, b)
-                else:
-                    self.bodies[q](ti.along(here, J[self.dim - 1]), a, b)
-
-
-def visit(bodies: Sequence[Callable], shapes: Sequence[tuple[int, ...]], *like: Sequence[Field]) -> Pass:
-    """Return a pass that calls each ``body(I, a, b)``, which may store, at all indices I of the body's shape.
-
-    like: fields of each body with the layouts that it uses most.
-    """
-    return Pass(_Visit(bodies, shapes, like).run, sum(prod(shape) for shape in shapes))
 
 
 def launch(*passes: Pass) -> Callable[..., None]:

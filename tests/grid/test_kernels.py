@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from taichi_plume.engine import program, ti
-from taichi_plume.grid import kernels
 from taichi_plume.grid.kernels import Pass, launch
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -32,23 +31,6 @@ def test_every_launch_takes_its_own_numbers_and_runs_the_passes_in_order():
     for numbers in ((1.5, -2.0), (), (3, 4)):
         run(*numbers)
     assert seen.to_numpy().tolist() == [[1.5, -2.0], [0.0, 0.0], [3.0, 4.0]]
-
-
-@pytest.mark.parametrize("cpu", [True, False])
-def test_visit_calls_the_body_once_at_every_index(cpu, monkeypatch):
-    monkeypatch.setattr(kernels, "on_cpu", lambda: cpu)  # a GPU visits in another order
-    shapes = [(3, 2, 5), (2, 4, 1)]
-    visits = [ti.field(ti.i32, shape) for shape in shapes]
-
-    def counting(field):
-        @ti.func
-        def body(I, a, b):
-            field[I] += ti.cast(a, ti.i32)
-
-        return body
-
-    launch(kernels.visit([counting(field) for field in visits], shapes))(7.0)
-    assert all((field.to_numpy() == 7).all() for field in visits)
 
 
 def test_a_device_that_there_is_not_is_reported_before_anything_starts():
