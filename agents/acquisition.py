@@ -13,7 +13,6 @@ def ticks_between(model: Listening, tick: float) -> int:
     return max(1, round(model.sample_period / tick))
 
 
-@ti.data_oriented
 class Acquisition:
     """Series of gas samples that robots take while standing still; read `mean` once an acquisition is complete.
 
@@ -66,7 +65,6 @@ class Acquisition:
         return self.total[n] * self.p.share[n]
 
 
-@ti.data_oriented
 class Recording(Acquisition):
     """Acquisitions that keep every sample: `heard[n, k]` [ppm] is sample k of robot n."""
 

@@ -31,7 +31,6 @@ class Algorithm(Protocol):
         ...
 
 
-@ti.data_oriented
 class KernelAlgorithm:
     """Base class of search algorithms in Taichi kernels. tick: control period [s].
 

@@ -11,7 +11,6 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import normal4
 
 
-@ti.data_oriented
 class Anemometers:
     """Anemometers of several groups, one per robot, which write `wind` and `wind_known`. dim: dimension of the wind; in
     3-D the anemometers sit at their heights. tick: control period [s].

@@ -34,7 +34,6 @@ class Believer(Protocol):
         ...
 
 
-@ti.data_oriented
 class Beliefs:
     """Grid beliefs: `p[n, a, b]` is the probability of the source in cell (a, b) by robot n, uniform at first. cell:
     edge of the square cells [m]. low, extent: lower corner and size of the search area [m].
@@ -87,7 +86,6 @@ class Beliefs:
         return ti.sqrt(square)
 
 
-@ti.data_oriented
 class Declaring:
     """Rule that lets a robot declare the source when the spread (standard deviation) of its belief is small.
 

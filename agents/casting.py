@@ -23,7 +23,6 @@ IN_PLUME, LOST, SIDESTEP = range(2, 5)
 CASTS = 4  # failed sweeps before the search restarts
 
 
-@ti.data_oriented
 class Casting(PlumeTracker):
     """Search algorithm: obliquely upwind in the plume, crosswind casts out of it. tick: control period [s]."""
 

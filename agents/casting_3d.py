@@ -27,7 +27,6 @@ from taichi_plume.scenario import algorithms
 SURGE, CAST, RISE = range(2, 5)
 
 
-@ti.data_oriented
 class Casting3D(PlumeTracker):
     """Search algorithm for drones that casts horizontally and vertically. tick: control period [s]."""
 

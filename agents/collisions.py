@@ -16,7 +16,6 @@ AROUND = 18  # steps of 5 degrees, to each side, in which a robot seeks room bes
 CLEAR, PUSHED, PINNED = range(3)  # results of `escape` for a robot that a walker runs into
 
 
-@ti.data_oriented
 class Contact:
     """Collision detection and response for the robots of a swarm.
 

@@ -23,7 +23,6 @@ WORD = 0.5  # threshold of the last component, above which the robot declares a 
 NEAR = 1e-3  # m, tolerance of way points
 
 
-@ti.data_oriented
 class Commands:
     """Conversion of a policy's actions, of `size` components `names`, to motion commands. tick: control period [s]."""
 

@@ -46,7 +46,6 @@ def constriction(phi: float, kappa: float = 1.0) -> float:
     return 2 * kappa / abs(2 - phi - cmath.sqrt(phi**2 - 4 * phi))
 
 
-@ti.data_oriented
 class Dapso(KernelAlgorithm):
     """DAPSO search algorithm, in which each robot is a particle of a swarm optimisation. tick: control period [s]."""
 

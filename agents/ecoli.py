@@ -22,7 +22,6 @@ from taichi_plume.scenario import algorithms
 ACQUIRE, RUN, TUMBLE = range(3)
 
 
-@ti.data_oriented
 class EColi(KernelAlgorithm):
     """E. coli (run and tumble) search algorithm. tick: control period [s]."""
 

@@ -70,7 +70,6 @@ class Calibration:
         return Calibration(np.polynomial.polynomial.polyfit(x, np.log10(INJECTED), 3), float(x[0]))
 
 
-@ti.data_oriented
 class MoxLaw:
     """Metal-oxide law y = ln(R_air/R) = b ln(1 + c/c0), a power law far above c0. Units differ in b and R_air."""
 
@@ -125,7 +124,6 @@ class MoxLaw:
         return ti.max(c, 0.0)
 
 
-@ti.data_oriented
 class LinearLaw:
     """Law y = c of an ideal gas sensor, or of a photo-ionisation detector in ppm of its calibration gas."""
 
@@ -152,7 +150,6 @@ class LinearLaw:
         return ti.select(r >= self.p.limit[n], ti.max(r, 0.0), 0.0)
 
 
-@ti.data_oriented
 class LineLaw(LinearLaw):
     """Law of a laser gas sensor: y is the integral along the beam of the gas to which the laser is tuned [ppm m]."""
 

@@ -25,7 +25,6 @@ from taichi_plume.grid.rng import normal4
 HOUR = 3600.0
 
 
-@ti.data_oriented
 class GasSensors:
     """Gas sensors of several groups, one per robot, all of the same law. Written: `true_ppm`, `reading`, `resistance`.
 

@@ -28,7 +28,6 @@ PARTS = 65536  # parts of a cycle in which ticks are counted: exact in 32 bits f
 FASTEST = 1e-6  # s, smallest time constant
 
 
-@ti.data_oriented
 class HeatedSensors(GasSensors):
     """Metal-oxide gas sensors with heater cycles, of several groups; arguments as for `GasSensors`."""
 

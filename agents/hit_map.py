@@ -46,7 +46,6 @@ ACQUIRE, MOVE = range(2)
 ON_THE_WAY = 0.5  # cells: distance from a corner of the path that counts as arrival
 
 
-@ti.data_oriented
 class HitMap(KernelAlgorithm):
     """Search algorithm that infers the source from hits, misses and wind. tick: control period [s]."""
 

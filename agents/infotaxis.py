@@ -49,7 +49,6 @@ def detection_rate(
     return model.rate / log(reach / model.size) * np.exp(-V * along / (2.0 * D) - r / reach) * k0e(r / reach)
 
 
-@ti.data_oriented
 class AnyInfotaxis(KernelAlgorithm):
     """Base class of infotaxis algorithms for the robots of a group, each with its own belief.
 
@@ -216,7 +215,6 @@ class AnyInfotaxis(KernelAlgorithm):
             self.swarm.state[i] = MOVE
 
 
-@ti.data_oriented
 class Infotaxis(AnyInfotaxis):
     """Infotaxis search algorithm for the robots of a group, each with its own belief."""
 
@@ -230,7 +228,6 @@ class Infotaxis(AnyInfotaxis):
         return cost
 
 
-@ti.data_oriented
 class SpaceAwareInfotaxis(AnyInfotaxis):
     """Space-aware infotaxis, which also prefers positions near the source.
 

@@ -64,7 +64,6 @@ def _sample(row):
     return Sample(place, along, ti.Vector([row[4], row[5]]), row[6], row[7])
 
 
-@ti.data_oriented
 class KernelMap(GasMap):
     """Gas map with mean and variance in each cell by Gaussian kernels (Kernel DM+V).
 

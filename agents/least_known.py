@@ -29,7 +29,6 @@ from taichi_plume.scenario import algorithms
 TIE = 1e-6  # fraction of the largest weight: cells that count as equally known
 
 
-@ti.data_oriented
 class LeastKnown(KernelAlgorithm):
     """Search algorithm that drives a group to the least known parts of its map. tick: control period [s]."""
 

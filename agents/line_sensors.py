@@ -39,7 +39,6 @@ class Surroundings:
         self.stands = level is not None
 
 
-@ti.data_oriented
 class LineSensors(GasSensors):
     """Laser gas sensors of several groups: `reading` is the beam's integral [ppm m] or mean [ppm], `true_ppm` the mean.
 

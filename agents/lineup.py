@@ -38,7 +38,6 @@ STILL = 1e-3  # m/s
 FAR = 1e9  # m
 
 
-@ti.data_oriented
 class LineUp(KernelAlgorithm):
     """Line-up search algorithm, with one line of robots per team. tick: control period [s]."""
 

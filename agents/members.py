@@ -39,7 +39,6 @@ def group_rows(sizes: Sequence[int]) -> Field | None:
     return field
 
 
-@ti.data_oriented
 class Members:
     """Robots of several groups of a swarm, in all trials: member n is robot `robot[n]` of the swarm.
 

@@ -63,7 +63,6 @@ def entries(model: Policy, mates: int, sensors: int = 1) -> Iterator[tuple[str, 
             yield kind, name, low
 
 
-@ti.data_oriented
 class Observation:
     """Observations of a group's learnt policy. tick: control period [s].
 

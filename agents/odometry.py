@@ -26,7 +26,6 @@ from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.robots import Odometry as Model
 
 
-@ti.data_oriented
 class Odometry:
     """Odometers of `count` robots, with random systematic errors; only groups with `odometry` have errors.
 

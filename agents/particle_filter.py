@@ -42,7 +42,6 @@ APART = 2.0  # times `converged`: particles that spread so far have not converge
 LEAST = 1e-30  # sum of weights that counts as zero
 
 
-@ti.data_oriented
 class ParticleFilter(Casting):
     """Search algorithm with a particle filter of the source position per robot. tick: control period [s]."""
 

@@ -20,7 +20,6 @@ NEAR = 1e-4  # m and rad: tolerance at the end of a segment
 NEAR_BY_WHEELS = 2e-3  # rad, tolerance of robots with odometry errors
 
 
-@ti.data_oriented
 class Legs:
     """Path segments of robots: call `set_out` once, then `advance` in each time step until it returns False.
 

@@ -17,7 +17,6 @@ from taichi_plume.files.network import Network, NetworkError
 from taichi_plume.scenario.policy import Policy
 
 
-@ti.data_oriented
 class PolicyAlgorithm:
     """Learnt policy that drives a group. tick: control period [s]. Raises NetworkError if the network does not fit."""
 

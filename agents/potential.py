@@ -33,7 +33,6 @@ TRIES = 2  # escapes; if these fail, a way point counts as out of reach
 PUSHES = 4  # corrections that move a way point out of obstacles
 
 
-@ti.data_oriented
 class Potential:
     """Potential-field commands for robots: call `set_out` with each new way point, then `drive` in each time step.
 

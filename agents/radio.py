@@ -17,7 +17,6 @@ NEVER = -1.0  # s, time of a message never received
 UNLIMITED = 1e9  # m
 
 
-@ti.data_oriented
 class Radio:
     """Radio messages between the robots of each team.
 

@@ -17,7 +17,6 @@ from taichi_plume.scenario import algorithms
 WALK, BUMP = range(2)
 
 
-@ti.data_oriented
 class RandomWalk(KernelAlgorithm):
     """Random-walk search algorithm, which ignores gas and wind. tick: control period [s]."""
 

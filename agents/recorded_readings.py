@@ -6,7 +6,6 @@ from taichi_plume.engine import ti
 from taichi_plume.grid.transfer import uploader
 
 
-@ti.data_oriented
 class RecordedTeam:
     """Stand-in for a swarm: feeds recorded readings of at most `most` robots to a gas map (see `gas_map.Readers`)."""
 

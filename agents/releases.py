@@ -20,7 +20,6 @@ from taichi_plume.grid.elementary import exp
 from taichi_plume.scenario.belief_algorithms import ParticleFilter as Model
 
 
-@ti.data_oriented
 class Releases:
     """Gas patches released in the last `most` periods, tracked by the wind that each robot of a group measures.
 

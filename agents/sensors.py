@@ -21,7 +21,6 @@ STRIP = 16  # sensors computed together on a CPU: LLVM vectorises loops without 
 WARMING = 900.0  # s, time constant of the heater warm-up after a cold start: our choice
 
 
-@ti.data_oriented
 class Sensors:
     """Gas sensors and anemometers of all robots, measured in one launch per sensor law.
 

@@ -8,7 +8,6 @@ ROOT_OF_TWO = 2**0.5
 CLOSER = 1e-5  # m by which a path must be shorter than the previous one
 
 
-@ti.data_oriented
 class Ways:
     """Shortest paths between the centres of all floor cells, at least `room` [m] from all obstacles.
 

@@ -44,7 +44,6 @@ REMEMBERED = 10  # number of remembered acquisitions
 FLAT = 2.0  # weight of the mean of a record without a peak
 
 
-@ti.data_oriented
 class Spiral(KernelAlgorithm):
     """SPIRAL search algorithm. tick: control period [s]."""
 

@@ -19,7 +19,6 @@ SURGE, CAST = range(2, 4)
 PAIRS = 3  # pairs of path segments without gas before the search restarts
 
 
-@ti.data_oriented
 class SurgeCast(PlumeTracker):
     """Search algorithm that surges upwind in the plume and casts with growing width. tick: control period [s]."""
 

@@ -18,7 +18,6 @@ from taichi_plume.scenario import algorithms
 SURGE, SPIRAL = range(2, 4)
 
 
-@ti.data_oriented
 class SurgeSpiral(PlumeTracker):
     """Search algorithm that surges upwind in the plume and spirals after losing it. tick: control period [s]."""
 

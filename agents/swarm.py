@@ -40,7 +40,6 @@ BODY: dict[str, Callable[[Group], float]] = {
 """Functions from a group to each body parameter (f32), by the names of the swarm's fields."""
 
 
-@ti.data_oriented
 class Swarm(OwnClocks, Referee, Reckoning, Flying):
     """State and motion of the robots of all groups, one Taichi field per quantity (see `Columns`).
 

@@ -27,7 +27,6 @@ TRANSIT, SWEEP, DONE = range(3)
 AHEAD = 0.3  # m along the lane from the robot to its present goal
 
 
-@ti.data_oriented
 class Sweep(KernelAlgorithm):
     """Sweep (coverage) search algorithm, for each team separately. tick: control period [s]."""
 

@@ -19,7 +19,6 @@ HANDED = ("own", "policy", "replay")  # kinds with a class, network or paths fro
 BEFORE = "BEFORE_BEGIN"  # state of robots that have not set off, used by no algorithm
 
 
-@ti.data_oriented
 class Team:
     """Robots of the groups with indices `numbers`, which one algorithm drives in all trials.
 

@@ -29,7 +29,6 @@ STEER = 0.25  # s in which the robot tries to turn to its course
 ON_COURSE = 0.98  # cosine of the heading error; below, the robot turns away from the contact
 
 
-@ti.data_oriented
 class PlumeTracker(KernelAlgorithm):
     """Base class of plume-tracking algorithms. tick: control period [s].
 

@@ -11,7 +11,6 @@ FAR = 1e6  # m, position of the sources that a trial lacks
 EPISODE = 0x45504953  # separates the draws for an episode from the draws in it
 
 
-@ti.data_oriented
 class Trials:
     """Clocks, seeds and sources of `count` trials that restart independently, each with `team` consecutive robots.
 

@@ -43,7 +43,6 @@ class Outline:
     ball: bool = False
 
 
-@ti.data_oriented
 class Bodies:
     """Moving bodies of one outline in the air; satisfies `screens.Resistance` once a subclass defines `advance`.
 

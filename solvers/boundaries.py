@@ -32,7 +32,6 @@ def curve_of(opening: Opening) -> FanCurve | None:
     return opening.curve if opening.kind == "fan" else None
 
 
-@ti.data_oriented
 class Boundaries:
     """Boundary conditions of the flow: targets, mirror factors and ambient pressure of all boundary faces.
 

@@ -28,7 +28,6 @@ LANDED = 2e-3  # m of altitude over the floor below which rotors stand still
 AHEAD_LEFT = 0.25 * pi  # bearing of the first rotor
 
 
-@ti.data_oriented
 class Downwash:
     """Force of the rotors of a group's drones on the air, from t = 0 on; satisfies `screens.Resistance`, in 3-D.
 

@@ -47,7 +47,6 @@ def oblique_planes(vectors: np.ndarray, cells: np.ndarray, grid: Grid) -> np.nda
     return plane & (np.diagonal(squares, axis1=1, axis2=2).max(axis=1, initial=0.0) < ALONG)
 
 
-@ti.data_oriented
 class Extension:
     """Extension of velocities to the closed faces near an oblique plane surface: the mean, by area, over the nearest
     faces with a part of the surface. There is no extension where the viscous layer is resolved (see `Surfaces.slip`).

@@ -17,7 +17,6 @@ WIND, GAS = 0, 1  # rows of `air`: at the height of the anemometer, and of the g
 TOP = 2.0**15  # stored value of the largest ppm of a gas in a film; half precision ends at 65504
 
 
-@ti.data_oriented
 class FilmBank:
     """Wind and gas at robots, from recordings (films) that environments of a learner play, each from its own time.
 

@@ -59,7 +59,6 @@ def lost(m: Template, d: Template, I, net, a, b):
     return ti.select(m.open[d][I] <= 0.0, net / m.dx, 0.0)
 
 
-@ti.data_oriented
 class FlowSolver(Carrier):
     """Solver of the incompressible Navier–Stokes equations in a box with solid cells and openings; a `fields.Carrier`.
 

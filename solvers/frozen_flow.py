@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 
-from taichi_plume.engine import ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Faces
 from taichi_plume.grid.grid import Grid
@@ -12,7 +11,6 @@ from taichi_plume.solvers.momentum import BuoyantScalar
 from taichi_plume.solvers.screens import Resistance
 
 
-@ti.data_oriented
 class FrozenSolver(FlowSolver):
     """Flow solver that freezes: at time `after`, u and nu become their means over the last `average` seconds.
 

@@ -9,7 +9,6 @@ from math import inf, isfinite
 
 import numpy as np
 
-from taichi_plume.engine import ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, GridGas
 from taichi_plume.grid.grid import Grid
@@ -25,7 +24,6 @@ from taichi_plume.solvers.surface_exchange import Surface, SurfaceExchange
 from taichi_plume.solvers.transport import Scalar, Transport
 
 
-@ti.data_oriented
 class EulerianSolver(GridGas):
     """Gas on the grid, carried by a wind that has face velocities. Field c: concentration [kg/m³]."""
 

@@ -37,7 +37,6 @@ def reflecting(gas: GaussianPuffGas | ContinuousGas, grid: Grid) -> tuple[tuple[
     return tuple((float(low), float(high), int(low > -FAR) + int(high < FAR)) for low, high in limits)
 
 
-@ti.data_oriented
 class GaussianPuffs(Gas):
     """Gas of instantaneous releases as Gaussian puffs. Fields per release: mass, 0 before it; centre; variance."""
 
@@ -84,7 +83,6 @@ class GaussianPuffs(Gas):
         return total
 
 
-@ti.data_oriented
 class ContinuousPuffs(Gas):
     """Gas of steady sources in a wind without gusts: the time integral of Gaussian puffs.
 

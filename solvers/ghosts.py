@@ -19,7 +19,6 @@ from taichi_plume.solvers.momentum import Momentum, density
 from taichi_plume.solvers.walls import Walls, lower_face, straightness
 
 
-@ti.data_oriented
 class Ghosts:
     """Passes that fill the ghost cells of a flow's fields. walls: law of the wall, None without a turbulence model."""
 

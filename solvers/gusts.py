@@ -41,7 +41,6 @@ def cubic(w, h, y, v):
 _cubic: Callable = ti.func(cubic)
 
 
-@ti.data_oriented
 class OrnsteinUhlenbeck:
     """Gusts: independent Ornstein-Uhlenbeck processes v and their integrals Y, stored for the last `reach` seconds.
 

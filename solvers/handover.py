@@ -23,7 +23,6 @@ WIDTH = 1.0  # cells
 WIDENED = 1.0 / 12.0 + 1.0 / 6.0  # variance [cells²] added by means over cells and interpolation
 
 
-@ti.data_oriented
 class Handover:
     """Handover of wide puffs: their gas is deposited on the grid, and the wind transports it there.
 

@@ -13,7 +13,6 @@ from typing import cast
 
 import numpy as np
 
-from taichi_plume.engine import ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
@@ -80,7 +79,6 @@ def _temperature(vent: Patch) -> float | None:
     return cast(Vent, vent.opening).temperature
 
 
-@ti.data_oriented
 class HeatSolver:
     """Temperature of the air on the grid of a flow. Field theta: T - reference [K]."""
 

@@ -6,7 +6,6 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from taichi_plume.engine import ti
 from taichi_plume.files.film import VELOCITIES
 from taichi_plume.files.wind_points import Points
 from taichi_plume.files.wind_site import Site
@@ -172,7 +171,6 @@ class ImportedFilm:
         return result[..., 0] if result.ndim > self.grid.dim else result
 
 
-@ti.data_oriented
 class ImportedFlow(PlayedWind):
     """Flow that another program (CFD) computed, played back from its imported files."""
 

@@ -14,7 +14,6 @@ from taichi_plume.solvers.vcycle import VCycle
 LANES, GROUPS = 1 << 14, 1 << 7  # threads of the two steps of a sum on a GPU
 
 
-@ti.data_oriented
 class Multigrid(VCycle):
     """Poisson solver by conjugate gradients with one V-cycle as preconditioner; a `pressure.PressureSolver`."""
 

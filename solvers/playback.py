@@ -133,7 +133,6 @@ class FramePlayer:
         return self.prepare(self.film.frame(n, self.names))
 
 
-@ti.data_oriented
 class PlayedWind(Carrier):
     """Recorded flow, or flow computed by another program."""
 
@@ -193,7 +192,6 @@ class PlayedWind(Carrier):
         self._set_maxima()
 
 
-@ti.data_oriented
 class PlayedGas(GridGas):
     """Playback of a recorded gas as a concentration field on the grid. Frames are checked when read."""
 
@@ -236,7 +234,6 @@ class TickFilm:
         return self.film.frame(n)
 
 
-@ti.data_oriented
 class TickWind(Wind):
     """Wind from a recording that the runs of a study share. It carries no gas: the recording holds the gas too."""
 
@@ -255,7 +252,6 @@ class TickWind(Wind):
         return sample_faces(self.u, x, self.grid.dx, self.grid.ghost, self.grid.padded)
 
 
-@ti.data_oriented
 class TickGas(PlayedGas):
     """Gas from a recording that the runs of a study share."""
 

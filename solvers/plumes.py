@@ -32,7 +32,6 @@ def most_walls(faces: tuple[Face, ...], dim: int) -> tuple[int, ...]:
     return tuple(min(2, most) for most in (level, upright or level)[: dim - 1])
 
 
-@ti.data_oriented
 class Plumes(Gas):
     """Gas as Gaussian plumes of steady sources, mean or meandering.
 

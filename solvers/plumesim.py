@@ -35,7 +35,6 @@ def periods(time: float, period: float) -> int:
     return floor(min(max(time / period, -MOST_PERIODS), MOST_PERIODS) + 1e-6)
 
 
-@ti.data_oriented
 class PointFilm:
     """Player of frames of points with values: sets a point cloud on the device to the frame of the simulated time."""
 
@@ -76,7 +75,6 @@ class PointFilm:
         return self.cloud.between(x) if ti.static(self.interpolates) else self.cloud.nearest(x)
 
 
-@ti.data_oriented
 class PointGas(Gas):
     """Gas whose concentration is given at points in recorded frames, which were checked when read."""
 
@@ -96,7 +94,6 @@ class PointGas(Gas):
         return self.film.at(x)[0]
 
 
-@ti.data_oriented
 class PointWind(Wind):
     """Wind that is given at points in recorded frames, and zero farther from them."""
 
@@ -123,7 +120,6 @@ class PointWind(Wind):
         return u
 
 
-@ti.data_oriented
 class ProgramPuff(Gas):
     """Gaussian puff as the program PlumeSim computes it: on nodes, with a spread that grows from frame to frame.
 
@@ -192,7 +188,6 @@ def meandering_points(gas: PlumeSimMeander, length: float, rng: np.random.Genera
     return np.stack([x, np.interp(x, stations, y) + stray], axis=-1)
 
 
-@ti.data_oriented
 class ProgramMeander(Gas):
     """Meandering plume of the program PlumeSim: number of points near a position over that near the release."""
 

@@ -19,7 +19,6 @@ CORNER = 0.25  # weight of a lattice's last node half a cell beyond it along bot
 SLACK = 1.001  # of a bin's width: the device finds bins of positions in f32
 
 
-@ti.data_oriented
 class PointCloud:
     """Cloud of points with values, to be looked up from positions in [0, extent] (x, y) [m].
 

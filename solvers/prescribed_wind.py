@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from taichi_plume.engine import ti
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.transfer import uploader
@@ -19,7 +18,6 @@ def padded_faces(grid: Grid, d: int) -> np.ndarray:
     return (index - grid.ghost + np.where(np.arange(grid.dim) == d, 0.0, 0.5)) * grid.dx
 
 
-@ti.data_oriented
 class PrescribedWind(Carrier):
     """Steady wind with a given velocity field, without eddies or obstacles."""
 

@@ -23,7 +23,6 @@ CELLS = 1 << 16  # largest number of cells of the finest list
 BLOCK = 256  # cells per task of the parallel running sum
 
 
-@ti.data_oriented
 class PuffCells:
     """Lists of cells for up to `most` puffs, one list per octave of size. `start` holds for each cell, list by list,
     the number of puffs in all cells before, and at its end the total. `order` holds the puffs by cells.

@@ -31,7 +31,6 @@ def _below(z):
     return ti.select(z < 0.0, upper, 1.0 - upper)
 
 
-@ti.data_oriented
 class Deposit:
     """Deposit of a solver's puffs in the cells of the grid. Field c: mean concentration of each cell [kg/m³].
 

@@ -40,7 +40,6 @@ def rate_per_difference(dim: int) -> float:
     return (RICHARDSON / 6.0) ** (1 / 3) / (mean_per_rms * sqrt(square))
 
 
-@ti.data_oriented
 class Growth:
     """Law by which puffs grow in a wind: molecular and eddy diffusion, and relative dispersion."""
 

@@ -34,7 +34,6 @@ def share_within(cutoff: float, dim: int) -> float:
     return erf(cutoff / sqrt(2.0)) - sqrt(2.0 / pi) * cutoff * tail
 
 
-@ti.data_oriented
 class PuffList:
     """Storage of up to `most` puffs, sorted by cells. Moved puffs are written to `new`; `sort` writes them in order to
     `now`.

@@ -9,7 +9,6 @@ from taichi_plume.grid.level_set import LevelSet
 STILL = 1e-4  # m/s: slower air does not go through a face
 
 
-@ti.data_oriented
 class PuffWalls:
     """Walls for puffs: faces of the domain, closed where no air passes, and surfaces in the domain (None: none)."""
 

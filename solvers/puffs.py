@@ -63,7 +63,6 @@ def joint_update(dt: np.ndarray, time: float, deviation: float) -> np.ndarray:
     return np.stack([a, b, time * less, d, e, dt], axis=-1)
 
 
-@ti.data_oriented
 class PuffSolver(Gas):
     """Gas as Lagrangian puffs in any wind. A wind with an eddy viscosity also provides nu, viscosity and schmidt."""
 

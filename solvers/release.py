@@ -101,7 +101,6 @@ CELL = 1.0 / 12.0  # variance along an axis that a mean over a cell adds [cellsÂ
 SAMPLES = 4  # samples per axis, to measure a ball's fraction of a cell
 
 
-@ti.data_oriented
 class Release:
     """Release of vapour or heat from balls into cells. `set_amounts` sets the next release, `adding` returns its pass.
 

@@ -21,7 +21,7 @@ from taichi_plume.scenario.screens import Screen
 
 
 class Resistance(Protocol):
-    """Protocol of forces on the air in the domain by screens, moving obstacles, robots; `ti.data_oriented` classes."""
+    """Protocol of forces on the air in the domain by screens, moving obstacles, robots."""
 
     cells: int
     """Approximate number of faces that `apply` visits."""
@@ -46,7 +46,6 @@ def slowed(u, linear, square):
     return 2.0 * u / (b + ti.sqrt(b * b + 4.0 * square * ti.abs(u)))
 
 
-@ti.data_oriented
 class ScreenResistance:
     """Flow resistance of a screen (porous slab); satisfies `Resistance`.
 

@@ -31,7 +31,6 @@ FIRST, BETWEEN, LAST = 0.0, 1.0, 2.0
 """Position of a stage within a Runge–Kutta step."""
 
 
-@ti.data_oriented
 class Tally:
     """Time integral of a flux, in f64. Each stage of a step sets the total to its value before the step plus the step's
     length times the sum of the rates of all stages so far.
@@ -79,7 +78,6 @@ def in_series(first: float, second: float) -> float:
     return 0.0 if 0.0 in (first, second) else 1.0 / (1.0 / first + 1.0 / second)
 
 
-@ti.data_oriented
 class SurfaceExchange:
     """Exchange of heat or gas between the air and walls or obstacles, in the cells that touch them.
 

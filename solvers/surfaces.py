@@ -57,7 +57,6 @@ LEAST = 0.25  # cells: least distance over which the velocity of a layer that se
 MIXING = 0.13  # cells: mixing length C of a layer that separates, as Smagorinsky's constant
 
 
-@ti.data_oriented
 class Surfaces:
     """Wall stress nu_w u_t/s on obstacles, u_t the tangential velocity at a distance s from a surface. nu_w follows
     from the law of the wall if there is a turbulence model; on convex surfaces in an adverse pressure gradient from a

@@ -136,7 +136,6 @@ def _between(before: Template, after: Template, I, share, _):
     return before[I] + share * (after[I] - before[I])
 
 
-@ti.data_oriented
 class SyntheticSolver(Carrier):
     """Synthetic flow in a closed room, a sum of random waves and rolls; obstacles consist of whole cells.
 

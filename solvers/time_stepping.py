@@ -46,7 +46,6 @@ def stages(first: float) -> tuple[tuple[float, float, float], ...]:
 HUGE = 1e6  # m/s: far above the speed of any flow here
 
 
-@ti.data_oriented
 class Limits:
     """Maxima over the cells that limit the time step: sum of |u| over the axes, outflow, |u|, viscosity and the rate at
     which convection and diffusion together change a cell (see `weights`).

@@ -59,7 +59,6 @@ def raised(q, rest, rate, dt):
     return rounded, ti.cast(exact - ti.cast(rounded, ti.f64), ti.f32)
 
 
-@ti.data_oriented
 class Transport:
     """Transport of a scalar q per volume of air by convection and diffusion, in finite volumes.
 

@@ -20,7 +20,6 @@ def memory(wind: UniformWind, extent: tuple[float, ...]) -> float:
     return float(crossing) + LONGEST_TICK
 
 
-@ti.data_oriented
 class UniformSolver(Carrier):
     """Wind with the same velocity everywhere, constant or with gusts.
 

@@ -14,7 +14,6 @@ OMEGA = 0.8  # damping of the Jacobi sweeps
 COARSEST = 600  # largest number of cells that are solved by their dense inverse
 
 
-@ti.data_oriented
 class VCycle:
     """Multigrid V-cycle x = M b on the finest level, M symmetric: two damped Jacobi sweeps each way, merged cells, and
     the dense inverse on the coarsest level.

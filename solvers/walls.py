@@ -28,7 +28,6 @@ from taichi_plume.solvers.wall_law import near_surface, y_plus
 FAR = 1e3  # m: distance without a surface
 
 
-@ti.data_oriented
 class Walls:
     """Law of the wall in the cells at the domain's walls, per boundary face.
 

@@ -21,7 +21,6 @@ from taichi_plume.scenario.species import SPECIES
 from taichi_plume.time_loop import TimeLoop
 
 
-@ti.data_oriented
 class FakeWind(Wind):
     """A parallel stream along x with a slow sway, from the walls' zero to U in the middle."""
 
@@ -43,7 +42,6 @@ class FakeWind(Wind):
         return {"max_divergence": 1e-6, "max_courant": 0.5, "max_speed": self.speed}
 
 
-@ti.data_oriented
 class FakeGas(Gas):
     """A meandering Gaussian plume with a wavy intensity: c = a exp(-r²/2s²) (1 + cos(...))/2 [kg/m³]."""
 

@@ -52,7 +52,6 @@ def sources(trials: int) -> np.ndarray:
 # ---------------------------------------------------------------- by our kernels
 
 
-@ti.data_oriented
 class Ours:
     """Searches by the robots' algorithm on the grid, each independent; a cell is a metre, a step a second."""
 

@@ -106,7 +106,6 @@ PARAMETERS = (
 )
 
 
-@ti.data_oriented
 class Outputs:
     """Sensors whose readings are converted to what is mapped, see `output`; zero in clean air.
 

@@ -34,7 +34,6 @@ FAR = 2.0  # m, beyond which indices are averaged to the minimum, as in the pape
 NOISY = ("SPIRAL", "E. coli 3 s")
 
 
-@ti.data_oriented
 class NoisyIndex:
     """Stand-in for the sensors: proximity indices with a known noise, constant during an acquisition.
 

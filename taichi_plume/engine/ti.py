@@ -1,6 +1,6 @@
 """Taichi's names, with the engine's fields and kernels: all other modules import `ti` from here."""
 
-from typing import Any, TypeVar
+from typing import Any
 
 import taichi
 from taichi import *  # noqa: F403  # pyright: ignore[reportAssignmentType]
@@ -10,14 +10,6 @@ from taichi_plume.engine.cells import along, load_numbers, row  # noqa: F401
 from taichi_plume.engine.fields import field, vector_field  # noqa: F401
 from taichi_plume.engine.kernels import kernel  # noqa: F401
 from taichi_plume.engine.replacements import static  # noqa: F401
-
-Kind = TypeVar("Kind", bound=type)
-
-
-def data_oriented(kind: Kind) -> Kind:  # pyright: ignore
-    """Class decorator of parts: objects of the class may be arguments of kernels."""
-    kind._data_oriented = True  # type: ignore[attr-defined]
-    return kind
 
 
 def __getattr__(name: str) -> Any:

@@ -55,7 +55,6 @@ class Starts:
         }
 
 
-@ti.data_oriented
 class StepKernel:
     """Kernel that advances all environments of `Episodes`. films: FilmBank of `bank`; ticks: number per decision."""
 

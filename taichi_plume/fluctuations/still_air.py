@@ -6,7 +6,6 @@ from taichi_plume.grid.fields import Wind
 from taichi_plume.grid.kernels import Template
 
 
-@ti.data_oriented
 class Floor:
     """Floor without obstacles for robots: signed-distance interface of an arena."""
 
@@ -21,7 +20,6 @@ class Floor:
         return ti.Vector([1.0, 0.0])
 
 
-@ti.data_oriented
 class Records(Wind):
     """Still air with given concentrations `level` [ppm] of one gas species at the points x = 0, 1, 2 ... m."""
 

@@ -37,7 +37,6 @@ def _lower_bounds(
     return values - resolution / sqrt(2)
 
 
-@ti.data_oriented
 class HorizontalDistances:
     """Distance to the edges of the floor (exact) and to obstacles (a lower bound), for several ranges of height.
 
@@ -119,7 +118,6 @@ class HorizontalDistances:
         return distances.reshape(points.shape[:-1])
 
 
-@ti.data_oriented
 class ClearanceMap(HorizontalDistances):
     """Clearance of the floor: distance from points to the next edge or obstacle, for collisions of ground robots.
 

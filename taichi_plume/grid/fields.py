@@ -19,7 +19,7 @@ Faces = tuple[Field, ...]
 
 
 class Wind(Protocol):
-    """Protocol of winds (moving air). Implementations are `ti.data_oriented`."""
+    """Protocol of winds (moving air)."""
 
     STATE: ClassVar[tuple[str, ...]] = ()
 
@@ -125,7 +125,7 @@ class Species(Protocol):
 
 
 class Gas(Protocol):
-    """Protocol of gases: vapour of a species in the air. Implementations are `ti.data_oriented`."""
+    """Protocol of gases: vapour of a species in the air."""
 
     STATE: ClassVar[tuple[str, ...]] = ()
 
@@ -190,7 +190,6 @@ class Odour(Protocol):
         ...
 
 
-@ti.data_oriented
 class Mixture:
     """All gases of a run together, an `Odour`; gases of the same species add up."""
 

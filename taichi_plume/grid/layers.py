@@ -17,7 +17,6 @@ INSIDE = 1e-6  # m: overlap below which a shape only touches a range of heights
 SAME = 1e-5  # m: levels this close are merged
 
 
-@ti.data_oriented
 class Layers(HorizontalDistances):
     """Clearance per altitude layer: lower bound of the distance from an upright body in layer k to the next surface.
 

@@ -64,7 +64,6 @@ def _halves(air: Air, grid: Grid) -> np.ndarray:
     return solid
 
 
-@ti.data_oriented
 class LevelSet:
     """Obstacles as a signed distance, multilinear between the nodes, with reflection of moving points."""
 

@@ -11,7 +11,6 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.transfer import uploader
 
 
-@ti.data_oriented
 class Sampler:
     """Sampler of wind [m/s], mole fraction of each gas species [ppm] and cell fields at fixed points (n, dim) [m].
 

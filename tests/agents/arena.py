@@ -17,7 +17,6 @@ TICK = 0.1
 LONGEST = 400  # script
 
 
-@ti.data_oriented
 class Script:
     """Ethanol in still air that depends on time alone: ppm[k] from k times `every` seconds on, and then the last."""
 

@@ -13,7 +13,6 @@ SOURCE = (0.5, 1.5)
 CONE, STRIP, PATCH = range(3)
 
 
-@ti.data_oriented
 class Plume:
     """Wind along +x and gas: behind SOURCE a Gaussian CONE with `peak` ppm at its tip, a STRIP along the axis of the
     room, or a PATCH downwind of x = 2.5 m.

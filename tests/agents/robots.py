@@ -43,7 +43,6 @@ def room(*robots, **keys) -> dict:
     return usual | keys
 
 
-@ti.data_oriented
 class Floor:
     """Nothing in the way."""
 
@@ -58,7 +57,6 @@ class Floor:
         return ti.Vector([1.0, 0.0])
 
 
-@ti.data_oriented
 class Arena:
     """Walls around EXTENT, a round obstacle and an upright plate or box; they can be moved."""
 
@@ -110,7 +108,6 @@ class Arena:
         return np.minimum(np.minimum(walls, to_disc), np.hypot(*to_plate.T))
 
 
-@ti.data_oriented
 class Air(Wind):
     """The same gas [ppm] and wind [m/s] everywhere; gas grows by `slope` per m of x + 10 z."""
 

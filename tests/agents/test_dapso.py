@@ -36,7 +36,6 @@ MEMORIES = [(10.0, True), (0, False)]  # s, and whether a lower reading is taken
 ALONE = {"communication": Communication(range=None), "reach": 0}
 
 
-@ti.data_oriented
 class Hill(Script):
     """With `is_hill` a peak of ethanol at TOP, Gaussian with a width of 1 m, as high as the script tells."""
 

@@ -101,7 +101,6 @@ def test_what_has_no_room_has_no_way():
 MODEL = HitMap(kind="hit_map", cell=CELL, acquisition=1.0, settle=0.2)
 
 
-@ti.data_oriented
 class Learns:
     """Lets robot 0 learn of a measurement in a cell, of all the same beliefs."""
 
@@ -217,7 +216,6 @@ def test_expected_information_is_the_mean_fall_of_entropy(empty):
         )
 
 
-@ti.data_oriented
 class Whiffs(Script):
     """Gas that comes in whiffs of a second, downwind of a source behind the wall and through the gap."""
 

@@ -114,7 +114,6 @@ def test_belief_and_expectation(kind, found):
     assert not np.isclose(bayes.expected(there, 0.0, value), bayes.expected(there, REACH, value), rtol=2e-3)
 
 
-@ti.data_oriented
 class Patches(Script):
     """Gas that comes in patches, as often as the model says: 100 ppm, drawn anew every two seconds."""
 

@@ -31,7 +31,6 @@ PLACES = np.array([[1.0, 1.0], [1.5, 1.2], [3.5, 2.5]])
 HEADINGS = np.array([0.4, -2.0, 3.0])
 
 
-@ti.data_oriented
 class Learner:
     """Observation and commands of one team, driven from outside."""
 

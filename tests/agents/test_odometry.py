@@ -248,7 +248,6 @@ def test_who_has_none_beside_others_that_have():
 # ---------------------------------------------------------------- what is sensed
 
 
-@ti.data_oriented
 class Breeze(Script):
     """Wind along (0.3, 0.1) m/s."""
 
@@ -285,7 +284,6 @@ def test_upwind_is_upwind_whatever_the_belief():
     assert np.hypot(*moved) == pytest.approx(0.2 * 9.9, rel=1e-3)
 
 
-@ti.data_oriented
 class Courier:
     """A robot near a corner and a mate, on the way to a goal; returns its commands."""
 
@@ -319,7 +317,6 @@ def test_walls_and_mates_are_where_they_truly_are():
     assert Courier(0.8, (0.3, 2.0)).commands() == pytest.approx(wanted, abs=1e-5)
 
 
-@ti.data_oriented
 class Speaker:
     def __init__(self, swarm):
         members = Members(swarm, [0])

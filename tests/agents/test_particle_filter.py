@@ -23,7 +23,6 @@ WIND = np.array([0.25, 0.05])
 GASES = (1, 1, 0, 1, 0, 0)  # of the updates
 
 
-@ti.data_oriented
 class Windy(Script):
     """Gas by the script in an even wind."""
 

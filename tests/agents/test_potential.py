@@ -27,7 +27,6 @@ RING = 1.1 * np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * n
 MIDDLE = np.array([2, 1.5])
 
 
-@ti.data_oriented
 class Couriers:
     """Teams of robots that drive from starts to goals; they neither see nor touch each other.
 

@@ -18,7 +18,6 @@ RANGES = (0.5, 1.0, 2.5, None)  # m
 LOSSES = (0.0, 0.3, 1.0)
 
 
-@ti.data_oriented
 class Talk:
     """Groups of robots 1 m apart along x, which tell their number in the team plus `more`."""
 

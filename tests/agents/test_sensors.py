@@ -19,7 +19,6 @@ TICK = 0.1
 MANY = 2000
 
 
-@ti.data_oriented
 class Two(Air):
     """10 ppm of ethanol and 20 ppm of acetone."""
 
@@ -30,7 +29,6 @@ class Two(Air):
         return ti.Vector([10.0, 20.0])
 
 
-@ti.data_oriented
 class Methane(Air):
     """5 ppm of ethanol, as much helium, and as much methane as there is `level`."""
 

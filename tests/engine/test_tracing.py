@@ -41,7 +41,6 @@ def power(x, n: Template):
     return y
 
 
-@ti.data_oriented
 class Twice:
     @ti.func
     def of(self, x):

@@ -384,7 +384,6 @@ def test_tensors_share_the_same_episodes(engines):
     many._allocate("numpy")
 
 
-@ti.data_oriented
 class Air(Wind):
     """Linear in space; numbers as for the films, of gas the sum of two."""
 

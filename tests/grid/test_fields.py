@@ -23,7 +23,6 @@ from taichi_plume.solvers.synthetic_flow import curl
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
-@ti.data_oriented
 class Slope(GridGas):
     """Concentration on the grid that is a function of the position."""
 
@@ -45,7 +44,6 @@ def test_sampling_is_exact_for_linear_fields(dim):
     np.testing.assert_allclose(velocity_at(wind, points, 0.0), points @ gradient.T, atol=1e-5)
 
 
-@ti.data_oriented
 class Solenoidal(Wind):
     """Wind with the velocities of a gridded wind that are divergence-free between the faces."""
 
@@ -123,7 +121,6 @@ def test_solenoidal_velocities_are_of_second_order():
     assert np.log2(errors[1] / errors[2]) > 1.9
 
 
-@ti.data_oriented
 class Even(Gas):
     """Uniform gas of 1 mg/m³."""
 

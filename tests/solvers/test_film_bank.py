@@ -38,7 +38,6 @@ def recorded(seed: int = 0) -> SimpleNamespace:
     )
 
 
-@ti.data_oriented
 class Asking:
     """Asks a bank at a place of each robot."""
 
