@@ -17,7 +17,6 @@ import numpy as np
 
 from taichi_plume.agents.columns import Columns
 from taichi_plume.engine import ti
-from taichi_plume.engine.fields import Field
 from taichi_plume.grid.elementary import cos_sin, wrap
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.robots import Group
@@ -36,36 +35,19 @@ WINGS: dict[str, Callable[[Group], float]] = {
 class Flying(Columns):
     """Mixin of the swarm for the flight of drones."""
 
-    def _allocate_flight(self, robots: int) -> None:
-        """Allocate the fields that only swarms with drones have."""
-        for name in ("first_altitude", *WINGS):
-            setattr(self, name, ti.field(ti.f32, robots))
+    def _allocate_flight(self, sources: np.ndarray, walkers: Sequence[Obstacle]) -> None:
+        """Set the fields that only swarms with drones have, at the start of a run; sources: (m, 3) [m]."""
+        self.first_altitude = ti.filled(self._each(lambda group: group.start_altitude), ti.f32)
+        self.altitude.copy_from(self.first_altitude)
+        for name, value in WINGS.items():
+            setattr(self, name, ti.filled(self._each(value), ti.f32))
         self.source_height = ti.field(ti.f32, max(1, self.source_count))
-        self.spans = ti.vector_field(
-            2, ti.f32, max(1, self.walker_count)
-        )  # lowest, highest point of walkers [m]
-
-    def _flight_fields(self) -> list[Field]:
-        """Return the fields that `_flight_numbers` fills, in the same order."""
-        never = [self.ordered_altitude, self.goal, self.goal_heading]
-        bodies = [getattr(self, name) for name in WINGS]
-        return [self.altitude, self.first_altitude, self.source_height, self.spans, *never, *bodies]
-
-    def _flight_numbers(
-        self, each: Callable[..., np.ndarray], sources: np.ndarray, walkers: Sequence[Obstacle]
-    ) -> list[object]:
-        """Return the start values of `_flight_fields`; each: expands group functions to robots; sources (m, 3) [m]."""
-        altitude = each(lambda group: group.start_altitude)
-        spans = [walker.span for walker in walkers] or 0
-        heights = sources[:, 2] if len(sources) else 0
-        return [
-            altitude,
-            altitude,
-            heights,
-            spans,
-            *(np.nan,) * 3,
-            *(each(value) for value in WINGS.values()),
-        ]
+        if len(sources):
+            self.source_height.from_numpy(sources[:, 2])
+        # lowest, highest point of walkers [m]
+        self.spans = ti.filled_vectors(np.reshape([walker.span for walker in walkers], (-1, 2)))
+        for field in (self.ordered_altitude, self.goal, self.goal_heading):
+            field.fill(np.nan)
 
     @ti.func
     def _restart_flight(self, i):

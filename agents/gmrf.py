@@ -28,7 +28,6 @@ from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.engine import ti
 from taichi_plume.grid.grid import centers
 from taichi_plume.grid.kernels import Template
-from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario import maps as models
 
 LOOKS = 16  # parts of the line between two centres; the ends of the parts are checked for obstacles
@@ -46,7 +45,6 @@ class MarkovMap(GasMap):
         super().__init__(model.cell, floor)
         self.count = ti.field(ti.f32, (floor.trials, *self.shape))  # readings of the running window
         self.total = ti.field(ti.f32, (floor.trials, *self.shape))  # their sum [ppm]
-        self._window = reader(self.count, self.total)
         free = floor.obstacle_distance(centers(self.shape, model.cell)) > 0
         # a reading in a cell whose centre lies in an obstacle counts for the nearest free cell
         self.counted_in = np.arange(free.size).reshape(self.shape)
@@ -91,7 +89,7 @@ class MarkovMap(GasMap):
         time = (self.ended + 1) * self.model.window
         self.ended = number
         self._solved = None
-        count, total = (self._moved(values) for values in self._window())
+        count, total = (self._moved(field.values) for field in (self.count, self.total))
         cells = np.flatnonzero(count)
         if len(cells):
             self.past.append([time, cells, count[cells], total[cells]])

@@ -38,7 +38,6 @@ from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.agents.shortest_paths import FAR, Ways
 from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import direction, exp, log
-from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario.belief_algorithms import HitMap as Model
 
 ACQUIRE, MOVE = range(2)
@@ -68,7 +67,6 @@ class HitMap(KernelAlgorithm):
         self.goal = ti.field(ti.i32, self.size)  # cell to measure in
         self.next = ti.field(ti.i32, self.size)  # cell on the way there
         self.belief_cell, self.belief_low = self.cell, np.array(self.gas.low)
-        self._read = reader(self.belief.p)
 
     def numbers(self, group: GroupRange, model: Model) -> Numbers:
         return {
@@ -88,7 +86,7 @@ class HitMap(KernelAlgorithm):
         }
 
     def beliefs(self) -> np.ndarray:
-        return self._read()[0]
+        return self.belief.p.to_numpy()
 
     @ti.func
     def _start(self, n):

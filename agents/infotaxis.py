@@ -30,7 +30,6 @@ from taichi_plume.agents.path_segments import Legs
 from taichi_plume.agents.swarm import wrap
 from taichi_plume.engine import ti
 from taichi_plume.grid.rng import uniform4
-from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario import belief_algorithms
 
 ACQUIRE, MOVE = range(2)
@@ -69,10 +68,9 @@ class AnyInfotaxis(KernelAlgorithm):
         self.belief_cell, self.belief_low = self.belief.cell, np.array(self.belief.low)
         self.spacing = self.belief_cell / FINER
         self.half = int(np.ceil(hypot(*self.belief.extent) / self.spacing)) + 1
-        self.chance = ti.field(ti.f32, (2 * self.half + 1, 2 * self.half + 1))
+        self.chance = ti.filled(self._chances())
         self.downwind = ti.vector_field(2, ti.f32, self.size)  # mean of the measured wind so far
-        uploader(self.chance, self.belief.p)(self._chances(), self.belief.even)
-        self._read = reader(self.belief.p)
+        self.belief.p.fill(self.belief.even)
 
     def numbers(self, group: GroupRange, model: belief_algorithms.AnyInfotaxis) -> Numbers:
         return {
@@ -90,7 +88,7 @@ class AnyInfotaxis(KernelAlgorithm):
         return -np.expm1(-rate * self.model.acquisition)
 
     def beliefs(self) -> np.ndarray:
-        return self._read()[0]
+        return self.belief.p.to_numpy()
 
     @ti.func
     def _step(self, n, tick, t, dt):

@@ -30,7 +30,6 @@ from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 from taichi_plume.grid.kernels import STRIP, Template
-from taichi_plume.grid.transfer import Numbers, reader
 from taichi_plume.scenario import maps as models
 
 CUT_OFF = 4.0  # reach of a kernel, as a multiple of its width
@@ -91,18 +90,11 @@ class KernelMap(GasMap):
         self.deviation = ti.field(ti.f32, (trials, self.exact))  # q times the weight of its age [ppm²]
         self.fresh: Field = ti.field(ti.i32, trials)  # number of the first new reading
         self.end: Field = ti.field(ti.i32, trials)
-        self.n = Numbers("sigma", "sigma2", "sigma_omega", "wind_stretch", "fading")
-        self._sums = reader(self.totals, self.weights, self.weighted)
-        self._squares = reader(self.totals, self.weights, self.squares, self.deviation)
         self.fading = 0.0 if model.memory is None else 1.0 / model.memory  # 1/s
         self.time = 0.0  # time of the last update [s]
-        self.n.set(
-            sigma=model.sigma,
-            sigma2=model.sigma**2,
-            sigma_omega=model.sigma_omega,
-            wind_stretch=model.wind_stretch,
-            fading=self.fading,
-        )
+        self._sigma, self._sigma2 = ti.filled(model.sigma), ti.filled(model.sigma**2)
+        self._sigma_omega, self.sigma_omega = ti.filled(model.sigma_omega), model.sigma_omega
+        self._wind_stretch, self._fading = ti.filled(model.wind_stretch), ti.filled(self.fading)
 
     def update(self, swarm: Readers, t: float, dt: float) -> None:
         fade = exp(-self.fading * (t - self.time))
@@ -114,32 +106,29 @@ class KernelMap(GasMap):
 
     def estimate(self) -> np.ndarray:
         """Return the mean gas map [ppm], (trials, nx, ny); NaN in cells beyond the reach of every reading."""
-        totals, weights, weighted = self._sums()
-        return self._blend(weights, weighted, ratio(totals[:, 1], totals[:, 0]))
+        totals = self.totals.values
+        return self._blend(self.weighted.values, ratio(totals[:, 1], totals[:, 0]))
 
     def variance(self) -> np.ndarray:
         """Return the variance of readings about the mean gas map [ppm²], (trials, nx, ny); NaN in cells beyond the
         reach of every reading.
         """
         self._update_deviations(self.time)
-        totals, weights, squares, deviation = self._squares()
+        totals, deviation = self.totals.values, self.deviation.values
         prior = ratio(totals[:, 2] + deviation.sum(axis=1, dtype=float), totals[:, 0])
-        return self._blend(weights, squares, prior)
+        return self._blend(self.squares.values, prior)
 
     def remembered(self, t: np.ndarray, place: np.ndarray, dt: float) -> np.ndarray:
         return np.exp(-self.fading * (self.time - t))
 
     def weight(self) -> np.ndarray:
         """Return the confidence α of each cell's mean, from 0 to 1, (trials, nx, ny)."""
-        return self._trust(self._sums()[1])
+        return -np.expm1(-((self.weights.values / self.sigma_omega) ** 2))
 
-    def _trust(self, weights: np.ndarray) -> np.ndarray:
-        return -np.expm1(-((weights / self.n["sigma_omega"]) ** 2))
-
-    def _blend(self, weights: np.ndarray, sums: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    def _blend(self, sums: np.ndarray, prior: np.ndarray) -> np.ndarray:
         """Return local means sums / weights, blended by confidence with `prior` (trials,), the mean of all readings."""
-        trust = self._trust(weights)
-        return trust * ratio(sums, weights) + (1.0 - trust) * prior[:, None, None]
+        trust = self.weight()
+        return trust * ratio(sums, self.weights.values) + (1.0 - trust) * prior[:, None, None]
 
     @ti.kernel
     def _take_in(self, swarm: Template, first: int, t: float, fade: ti.f64):
@@ -214,14 +203,14 @@ class KernelMap(GasMap):
     def _taken(self, swarm: Template, i, t):
         """Return the reading of robot i at time t [s] as a Sample, its kernel stretched along the wind."""
         along = ti.Vector([1.0, 0.0])
-        width = self.n.sigma[None]
-        if self.n.wind_stretch[None] > 0.0:
+        width = self._sigma[None]
+        if self._wind_stretch[None] > 0.0:
             wind = swarm.wind[i]
             speed = wind.norm()
             if swarm.wind_known[i] == 1 and speed > 0.0:
                 along = wind / speed
-                width += self.n.wind_stretch[None] * speed
-        across = ti.Vector([-along[1], along[0]]) * width / self.n.sigma2[None]
+                width += self._wind_stretch[None] * speed
+        across = ti.Vector([-along[1], along[0]]) * width / self._sigma2[None]
         return Sample(swarm.believed_position[i], along / width, across, swarm.reading[i], t)
 
     @ti.func
@@ -240,7 +229,7 @@ class KernelMap(GasMap):
 
     @ti.func
     def _weight_of_age(self, sample, t):
-        return ti.exp(-self.n.fading[None] * (t - sample.time))
+        return ti.exp(-self._fading[None] * (t - sample.time))
 
     @ti.func
     def _deviation(self, k, sample):
@@ -248,7 +237,7 @@ class KernelMap(GasMap):
         I = cell_of(sample.place, self.cell, self.shape)
         weight = self.weights[k, I[0], I[1]]
         prior = self.totals[k, 1] / self.totals[k, 0]
-        share = ti.cast(weight / self.n.sigma_omega[None], ti.f32)  # Vulkan has no exp of f64
+        share = ti.cast(weight / self._sigma_omega[None], ti.f32)  # Vulkan has no exp of f64
         trust = 1.0 - ti.exp(-(share**2))
         mean = prior
         if weight > 0.0:

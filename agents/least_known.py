@@ -23,7 +23,6 @@ from taichi_plume.agents.swarm import GroupRange
 from taichi_plume.agents.time_series import TimeSeriesMap
 from taichi_plume.engine import ti
 from taichi_plume.grid.grid import centers
-from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario import algorithms
 
 TIE = 1e-6  # fraction of the largest weight: cells that count as equally known
@@ -42,11 +41,11 @@ class LeastKnown(KernelAlgorithm):
         self.potential = Potential(self.members, self.p)
         floor = Floor(swarm.clearance.high, swarm.trials, swarm.members.shape[1], self.tick)
         self.map = TimeSeriesMap(self.model.map, floor)
-        self.goal = ti.vector_field(2, ti.f32, self.size)  # way points [m]
         self.asks = ti.field(ti.i32, self.size)  # whether the robot needs another way point
-        # the first way points are the start positions, so that all robots ask for new ones
+        # the first way points [m] are the start positions, so that all robots ask for new ones
         start = swarm.start[group.slice]
-        uploader(self.goal, self.potential.mark)(start, np.inf)
+        self.goal = ti.filled_vectors(start)
+        self.potential.mark.fill(np.inf)
         self.share, self.apart = self.model.share, self.model.apart
         self.room = group.model.body.radius + self.model.avoidance
         place = centers(self.map.shape, self.map.cell)
@@ -54,7 +53,6 @@ class LeastKnown(KernelAlgorithm):
         self.places = place[self.free]  # (cells, 2) [m]
         self.region = self._regions(self.places)
         self.home = self._regions(start).reshape(self.trials, self.count)
-        self._read = reader(self.asks, self.goal, swarm.believed_position)
 
     def numbers(self, group: GroupRange, model: algorithms.LeastKnown) -> Numbers:
         return Potential.numbers(self.swarm, group, model.speed, model.avoidance)
@@ -62,9 +60,10 @@ class LeastKnown(KernelAlgorithm):
     def act(self, tick: int, t: float, dt: float) -> None:
         self.map.update(self.swarm, t, dt)
         self._ask()
-        asks, goal, believed = self._read()
-        asks, goal = asks.reshape(self.trials, self.count), goal.reshape(self.trials, self.count, 2)
+        asks = self.asks.values.reshape(self.trials, self.count)
+        goal = self.goal.to_numpy().reshape(self.trials, self.count, 2)
         if asks.any() and len(self.places):
+            believed = self.swarm.believed_position.values
             place = believed[self.members.groups[0].slice].reshape(goal.shape)
             weight = self.map.weight()[self.row : self.row + self.trials, self.free]
             for k in np.flatnonzero(asks.any(axis=1)):

@@ -27,7 +27,6 @@ from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.engine import ti
-from taichi_plume.grid.tables import Tables
 from taichi_plume.scenario import algorithms
 
 FEEL, FORM, SWEEP, WAIT = range(4)
@@ -53,10 +52,8 @@ class LineUp(KernelAlgorithm):
             [group.count for group in self.members.groups for _ in range(group.trials)], np.int32
         )
         self.lines = len(counts)
-        tables = Tables()
-        self.first = tables.listed(np.cumsum(counts) - counts)  # first robot of a line; the others follow
-        self.line = tables.listed(np.repeat(np.arange(self.lines), counts))  # number of each robot's line
-        tables.upload()
+        self.first = ti.filled(np.cumsum(counts) - counts)  # first robot of a line; the others follow
+        self.line = ti.filled(np.repeat(np.arange(self.lines), counts))  # number of each robot's line
         n = self.lines
         self.mode = ti.field(ti.i32, n)
         self.wind = ti.vector_field(2, ti.f32, n)  # sum of the measured wind, then its direction

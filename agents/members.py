@@ -10,7 +10,6 @@ from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import stream_id
-from taichi_plume.grid.transfer import uploader
 
 
 class OfGroup:
@@ -33,10 +32,7 @@ def group_rows(sizes: Sequence[int]) -> Field | None:
     """Return a field with the group index of each robot, for groups of these sizes; None with fewer than two groups."""
     if len(sizes) < 2:
         return None
-    rows = np.repeat(np.arange(len(sizes)), sizes)
-    field = ti.field(ti.i32, max(1, len(rows)))
-    uploader(field)(rows if len(rows) else 0)
-    return field
+    return ti.filled(np.repeat(np.arange(len(sizes)), sizes))
 
 
 class Members:
@@ -50,13 +46,9 @@ class Members:
         self.swarm, self.numbers = swarm, tuple(numbers)
         self.groups: list[GroupRange] = [swarm.groups[number] for number in self.numbers]
         self.size = sum(group.size for group in self.groups)
-        self.robot = ti.field(ti.i32, max(1, self.size))
-        self.number = ti.field(ti.i32, max(1, self.size))
+        self.robot = ti.filled([g.start + n for g in self.groups for n in range(g.size)], ti.i32)
+        self.number = ti.filled([g.first + n for g in self.groups for n in range(g.size)], ti.i32)
         self.row = group_rows([group.size for group in self.groups])
-        if self.size:
-            robots = [np.arange(group.start, group.start + group.size) for group in self.groups]
-            numbered = [group.first + np.arange(group.size) for group in self.groups]
-            uploader(self.robot, self.number)(np.concatenate(robots), np.concatenate(numbered))
 
     def streams(self, name: str) -> np.ndarray:
         """Return the key (u32) of each group's random stream called `name`."""

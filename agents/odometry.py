@@ -22,7 +22,6 @@ from taichi_plume.agents.groups import GroupRange
 from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import cos_sin, turned, wrap
 from taichi_plume.grid.rng import normal4, stream_id
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.robots import Odometry as Model
 
 
@@ -34,12 +33,6 @@ class Odometry:
 
     def __init__(self, count: int, counter: Callable, groups: Sequence[GroupRange], seed: int):
         self.counter = counter
-        self.errs = ti.field(ti.i32, count)
-        self.number = ti.field(ti.i32, count)  # number of the robot in its group, among all possible trials
-        self.stream = ti.field(ti.u32, count)
-        self.kept = ti.vector_field(3, ti.f32, count)  # a, b [1], c [rad/m]
-        self.variances = ti.vector_field(4, ti.f32, count)  # k1 [rad], k2 [rad²/m], k3 [m], k4 [m²/rad]
-        self.deviations = ti.vector_field(3, ti.f32, count)  # standard deviations of a, b and c
         errors, variances, deviations = np.zeros((count, 3)), np.zeros((count, 4)), np.zeros((count, 3))
         errs, numbers, streams = np.zeros(count), np.zeros(count), np.zeros(count, np.uint32)
         for group in groups:
@@ -51,9 +44,14 @@ class Odometry:
             errs[group.slice] = 1
             numbers[group.slice] = group.first + np.arange(group.size)
             streams[group.slice] = stream_id(f"group {group.number}/odometry")
-        uploader(self.errs, self.number, self.stream, self.kept, self.variances, self.deviations)(
-            errs, numbers, streams, errors, variances, deviations
-        )
+        self.errs = ti.filled(errs, ti.i32)
+        self.number = ti.filled(
+            numbers, ti.i32
+        )  # number of the robot in its group, among all possible trials
+        self.stream = ti.filled(streams, ti.u32)
+        self.kept = ti.filled_vectors(errors)  # a, b [1], c [rad/m]
+        self.variances = ti.filled_vectors(variances)  # k1 [rad], k2 [rad²/m], k3 [m], k4 [m²/rad]
+        self.deviations = ti.filled_vectors(deviations)  # standard deviations of a, b and c
 
     @ti.func
     def measured(self, i, tick, w, s):

@@ -29,7 +29,6 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.files import checkpoint
 from taichi_plume.files.own_class import OwnAlgorithmError, failures_named, file_of
 from taichi_plume.grid.state import saves_itself
-from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.robots import Group
@@ -68,8 +67,6 @@ class Messages:
     def __init__(self, members: Members, words: int):
         self.p = Parameters(members, Radio.numbers, radio="radio")
         self.radio, self.words = Radio(members, self.p), words
-        self._put_speakers = uploader(self.radio.speaks)
-        self._times = reader(self.radio.time)
         self.radio.time.fill(NEVER)
         shape = self.radio.time.shape
         count = shape[1]
@@ -80,10 +77,11 @@ class Messages:
         """Deliver the messages that robots sent in this time step, at time t [s], to the teammates in radio contact."""
         if not outputs.speaks.any():
             return
-        self._put_speakers(outputs.speaks)
+        self.radio.speaks.from_numpy(outputs.speaks)
         self.radio.deliver(tick, t)
-        (times,) = self._times()
-        n, m = np.nonzero(times == np.float32(t))  # late in a run this may also be the previous tick
+        n, m = np.nonzero(
+            self.radio.time.values == np.float32(t)
+        )  # late in a run this may also be the previous tick
         now = outputs.speaks[self.first[n] + m] > 0
         n, m = n[now], m[now]
         self.heard[n, m] = outputs.message[self.first[n] + m]

@@ -41,8 +41,7 @@ class Parameters:
 
     def _put(self, name: str, dtype: Any, table: np.ndarray, members: Members | None) -> None:
         """Store a table over the robots or, with `members`, over their groups as the parameter `name`."""
-        field = ti.field(dtype, table.shape)
-        field.from_numpy(table)
+        field = ti.filled(table, dtype)
         setattr(self, name, field if members is None else OfGroup(field, members.row))
 
     def __getattr__(self, name: str) -> Field:

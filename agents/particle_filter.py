@@ -31,7 +31,6 @@ from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 from taichi_plume.grid.rng import normal4, uniform4
-from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario.belief_algorithms import ParticleFilter as Model
 
 GO = 5  # after the states of casting
@@ -79,7 +78,6 @@ class ParticleFilter(Casting):
         self.releases = Releases(self.members, self.p, max(1, round(model.memory / period)), period)
         self.potential = Potential(self.members, self.p)
         self.declaring = Declaring(self.members, self.p)
-        self._read = reader(self.particle, self.weight, self.known)
 
     def numbers(self, group: GroupRange, model: Model) -> Numbers:
         return {
@@ -95,7 +93,7 @@ class ParticleFilter(Casting):
         """Return each robot's particle weight per cell, (size, nx, ny), sum 1; uniform before the first detection."""
         low, high = np.array(self.floor)
         cells = np.maximum(1, np.round((high - low) / self.belief_cell).astype(int))
-        particle, weight, known = self._read()
+        particle, weight, known = self.particle.values, self.weight.values, self.known.values
         belief = np.zeros((self.size, *cells), np.float32)
         at = np.clip(((particle - low) / self.belief_cell).astype(int), 0, cells - 1)
         for n in range(self.size):

@@ -24,7 +24,6 @@ from taichi_plume.agents.gas_map import Floor, GasMap, Readers, counts, ratio, s
 from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.engine import ti
 from taichi_plume.grid.kernels import Template
-from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario import maps as models
 
 WIDEST = 64  # cells computed together; more cells do not fit into registers
@@ -133,7 +132,6 @@ class SnapMap(GasMap):
         self.numerator = ti.field(ti.f32, (floor.trials, *self.shape))  # sums of S for the running snapshot
         self.denominator = ti.field(ti.f32, (floor.trials, *self.shape))
         self.mae = ti.field(ti.f32, floor.trials)  # error of the last forecast [ppm]
-        self._sums, self._error = reader(self.numerator, self.denominator), reader(self.mae)
 
     @classmethod
     def needs(cls, model: models.SnapshotMap, floor: Floor) -> Needs:
@@ -152,11 +150,11 @@ class SnapMap(GasMap):
 
     def estimate(self) -> np.ndarray:
         """Return the forecast S of the running snapshot [ppm], (trials, nx, ny); NaN in unknown cells."""
-        return ratio(*self._sums())
+        return ratio(self.numerator.values, self.denominator.values)
 
     def weight(self) -> np.ndarray:
         """Return the sum of weights of the readings behind `estimate`, (trials, nx, ny)."""
-        return self._sums()[1]
+        return self.denominator.to_numpy()
 
     def update(self, swarm: Readers, t: float, dt: float) -> None:
         self.snaps.update(swarm, t, dt)
@@ -174,7 +172,7 @@ class SnapMap(GasMap):
                 self.numerator, self.denominator, snapshots.weighted, snapshots.weights, snapshots.last,
                 snapshots.margin, self.mae,
             )  # fmt: skip
-            self.errors.append((snapshots.ended * snapshots.window, self._error()[0]))
+            self.errors.append((snapshots.ended * snapshots.window, self.mae.to_numpy()))
         self._forecast()
 
 

@@ -21,7 +21,6 @@ from taichi_plume.agents.trials import OwnClocks, Trials
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 from taichi_plume.grid.elementary import cos_sin, wrap
-from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.robots import Group
 
@@ -81,36 +80,28 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         self.STATE = tuple(column.name for column in self.columns)
         self._allocate(n, self.reckons)
         self._further = [getattr(self, column.name) for column in further]
-        for name in BODY:
-            setattr(self, name, ti.field(ti.f32, n))
+        for name, value in BODY.items():
+            setattr(self, name, ti.filled(self._each(value), ti.f32))
         self.places = any(group.algorithm.placed for group in groups)
-        self.key = ti.field(ti.u32, ())  # the seed
+        self.key = ti.filled(seed, ti.u32)
         self.walker_count, self.source_count = len(walkers), len(sources)
         if episodes is not None:
             self.source_count = episodes.most_sources
         self.discs: Field = ti.vector_field(2, ti.f32, max(1, len(walkers)))  # positions of the walkers [m]
-        self.disc_radius: Field = ti.field(ti.f32, max(1, len(walkers)))
+        self.disc_radius = ti.filled([walker.disc for walker in walkers], ti.f32)
         self.sources = ti.vector_field(2, ti.f32, max(1, self.source_count))
+        if len(sources):
+            self.sources.from_numpy(sources[:, :2])
         if self.flies:
-            self._allocate_flight(n)
+            self._allocate_flight(sources, walkers)
         self._list_members()
         self.contact = Contact(self)
         if self.reckons:
             self.odometry = Odometry(n, self.counter, self.groups, seed)
         self._kept = Rows(self, [column for column in self.columns if column.key], 0, self.count)
         self._fields = [getattr(self, column.name) for column in self.columns]
-        self._ended, self._put_discs = reader(self.found, self.declarations), uploader(self.discs)
         self.seed = seed
-        self._set_start(positions, headings, sources, walkers)
-
-    def _numbers(self) -> list[Field]:
-        """Return the fields that `_set_start` sets."""
-        never = [self.found_time, self.reached_time, self.declared_position, self.declared_time]
-        poses = [self.position, self.heading, *never, self.ordered_position, self.resistance, *self._further]
-        beliefs = [self.believed_position, self.believed_heading] if self.reckons else []
-        bodies = [getattr(self, name) for name in BODY]
-        flight = self._flight_fields() if self.flies else []
-        return [self.key, self.sources, self.disc_radius, *poses, *beliefs, *bodies, *flight]
+        self._set_start(positions, headings, walkers)
 
     def _list_members(self) -> None:
         """Fill members[k, :team_size[k]] with the indices of the robots of trial k, from all groups in that trial."""
@@ -127,14 +118,10 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         table = np.full((len(sizes), max(1, sizes.max())), -1, np.int32)
         for row, team in zip(table, teams, strict=False):
             row[: len(team)] = team
-        self.members: Field = ti.field(ti.i32, table.shape)
-        self.team_size: Field = ti.field(ti.i32, sizes.shape)
-        uploader(self.members, self.team_size)(table, sizes)
+        self.members, self.team_size = ti.filled(table), ti.filled(sizes)
 
-    def _set_start(
-        self, positions: np.ndarray, headings: np.ndarray, sources: np.ndarray, walkers: Sequence[Obstacle]
-    ) -> None:
-        """Set poses and bodies of the robots, sources and moving obstacles at the start of a run."""
+    def _set_start(self, positions: np.ndarray, headings: np.ndarray, walkers: Sequence[Obstacle]) -> None:
+        """Set poses of the robots and moving obstacles at the start of a run."""
         self.start = np.array(positions, np.float32).reshape(-1, 2)  # positions at the start [m]
         self.walkers = [(walker.motion, walker.center) for walker in walkers]
         self.strides = max(  # largest speed of the walkers over their radius [1/s]
@@ -146,17 +133,14 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
             ),
             default=0.0,
         )
-        poses = [self.start, headings] if self.count else [0, 0]
-        uploader(*self._numbers())(
-            self.seed,
-            sources[:, :2] if len(sources) else 0,
-            [walker.disc for walker in walkers] or 0,
-            *poses,
-            *(np.nan,) * (6 + len(self._further)),
-            *(poses if self.reckons else []),
-            *(self._each(value) for value in BODY.values()),
-            *(self._flight_numbers(self._each, sources, walkers) if self.flies else []),
-        )
+        if self.count:
+            for place in (self.position, self.believed_position):
+                place.from_numpy(self.start)
+            for heading in (self.heading, self.believed_heading):
+                heading.from_numpy(headings)
+        never = (self.found_time, self.reached_time, self.declared_position, self.declared_time)
+        for field in (*never, self.ordered_position, self.resistance, *self._further):
+            field.fill(np.nan)
         self._walk(0.0)
 
     def _each(self, value: Callable[[Group], float]) -> np.ndarray:
@@ -167,7 +151,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
     def _walk(self, t: float) -> None:
         """Move the moving obstacles (walkers) to their positions at time t [s]."""
         if self.walkers:
-            self._put_discs([motion.place(center, t) for motion, center in self.walkers])
+            self.discs.from_numpy([motion.place(center, t) for motion, center in self.walkers])
 
     def _push(self, t: float, dt: float) -> None:
         """Push robots aside that moving obstacles run into during the time step of dt [s] that ends at t [s].
@@ -190,7 +174,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
 
     def all_over(self) -> bool:
         """Return whether all robots' searches have ended, by finding a source or by declaring one."""
-        found, declarations = (values[: self.count] for values in self._ended())
+        found, declarations = (field.values[: self.count] for field in (self.found, self.declarations))
         by_declaring = self._each(BODY["by_declaring"])[: self.count]
         return bool(((found > 0) | ((by_declaring > 0) & (declarations > 0))).all())
 

@@ -18,8 +18,6 @@ from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
 from taichi_plume.engine import ti
-from taichi_plume.engine.fields import Field
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario import algorithms
 
 TRANSIT, SWEEP, DONE = range(3)
@@ -36,15 +34,14 @@ class Sweep(KernelAlgorithm):
     def _allocate(self) -> None:
         self.potential = Potential(self.members, self.p)
         ways = self._ways()
-        n = self.size
-        self.way: Field = ti.vector_field(2, ti.f32, (n, max(map(len, ways))))  # way points [m]
-        self.length = ti.field(ti.i32, n)  # number of way points
-        self.next = ti.field(ti.i32, n)  # number of the present way point
-        self.order = ti.field(ti.i32, n)  # +1: forwards, -1: back
-        table = np.zeros((*self.way.shape, 2), np.float32)
+        table = np.zeros((self.size, max(map(len, ways)), 2))
         for row, way in zip(table, ways, strict=True):
             row[: len(way)] = way
-        uploader(self.way, self.length, self.order, self.potential.mark)(table, [*map(len, ways)], 1, np.inf)
+        self.way = ti.filled_vectors(table)  # way points [m]
+        self.length = ti.filled([len(way) for way in ways])  # number of way points
+        self.next = ti.field(ti.i32, self.size)  # number of the present way point
+        self.order = ti.filled(np.ones(self.size, int))  # +1: forwards, -1: back
+        self.potential.mark.fill(np.inf)
 
     def numbers(self, group: GroupRange, model: algorithms.Sweep) -> Numbers:
         return {**Potential.numbers(self.swarm, group, model.speed, model.avoidance), "repeat": model.repeat}

@@ -20,7 +20,6 @@ from taichi_plume.agents.gas_map import Floor, shape
 from taichi_plume.agents.snapshots import Needs, SnapMap, Snapshots
 from taichi_plume.engine import ti
 from taichi_plume.grid.kernels import Template
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario import maps as models
 
 Stencil = list[tuple[int, int, int, float]]
@@ -45,10 +44,9 @@ class TimeSeriesMap(SnapMap):
             for lag, x, y, U in neighbours
             if x >= 0 and y >= 0
         ]
-        self.offsets = ti.vector_field(3, ti.i32, len(quadrant))
-        self.closeness = ti.field(ti.f32, len(quadrant))
         table = np.array(quadrant)
-        uploader(self.offsets, self.closeness)(table[:, :3], table[:, 3])
+        self.offsets = ti.filled_vectors(table[:, :3], ti.i32)
+        self.closeness = ti.filled(table[:, 3])
 
     @classmethod
     def needs(cls, model: models.TimeSeriesMap, floor: Floor) -> Needs:

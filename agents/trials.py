@@ -3,9 +3,10 @@
 In an ordinary run all trials share the clock, the seed and the scenario's sources, and this module is unused.
 """
 
+import numpy as np
+
 from taichi_plume.engine import ti
 from taichi_plume.grid.rng import philox
-from taichi_plume.grid.transfer import uploader
 
 FAR = 1e6  # m, position of the sources that a trial lacks
 EPISODE = 0x45504953  # separates the draws for an episode from the draws in it
@@ -26,9 +27,8 @@ class Trials:
         self.age, self.goes, self.episode = (ti.field(ti.i32, count) for _ in range(3))
         self.seed = ti.vector_field(2, ti.u32, count)
         self.key, self.salt = ti.field(ti.u32, count), ti.field(ti.u32, count)
-        self.sources = ti.vector_field(2, ti.f32, (count, self.most_sources))
-        self.tick, self.side = ti.field(ti.f32, ()), ti.field(ti.f32, count)
-        uploader(self.sources, self.tick)(FAR, tick)
+        self.sources = ti.filled_vectors(np.full((count, self.most_sources, 2), FAR))
+        self.tick, self.side = ti.filled(tick), ti.field(ti.f32, count)
 
     @ti.func
     def of(self, i):

@@ -20,7 +20,6 @@ from taichi_plume.engine.fields import Field
 from taichi_plume.grid.fields import Faces
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
-from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.robots import Body
 from taichi_plume.solvers.boundaries import HORIZON
@@ -47,8 +46,8 @@ class Bodies:
     """Moving bodies of one outline in the air; satisfies `screens.Resistance` once a subclass defines `advance`.
 
     open: face fields, 1 where the velocity is solved for. place [m] and velocity [m/s]: fields of 2-vectors that the
-    caller updates; the bodies are entries first to first + count. ball: see `Outline`; permeable: whether air passes
-    through the bodies, with a drag.
+    caller updates; the bodies are entries first to first + count. permeable: whether air passes through the bodies,
+    with a drag, the force per mass over the square of the relative speed [1/m].
     """
 
     def __init__(
@@ -58,25 +57,15 @@ class Bodies:
         velocity: Field,
         count: int,
         open: Faces,
+        outline: Outline,
         first: int = 0,
-        ball: bool = False,
         permeable: bool = False,
+        drag: float = 0.0,
     ):
         self.grid, self.dim, self.open = grid, grid.dim, open
         self.place, self.velocity = place, velocity
         self.count, self.first = count, first
-        self.ball, self.permeable = ball, permeable
-        self.n = Numbers("radius", "middle", "half_height", "drag", "pace")
-        """pace: 1/dt [1/s]; 0 while the bodies are not there."""
-        self.half, self.turn = (ti.vector_field(2, ti.f32, ()) for _ in range(2))
-        self.reach: Field = ti.vector_field(grid.dim, ti.f32, ())
-        """Half sizes of the box around a body [m]."""
-        self.block: Field = ti.vector_field(grid.dim, ti.i32, ())
-        """Number of faces per axis in the box around a body, half a cell wider on either side."""
-        self._put = uploader(self.half, self.turn, self.reach, self.block)
-
-    def shape(self, outline: Outline, drag: float = 0.0) -> None:
-        """Set the outline; drag: force per mass over the square of the relative speed [1/m], if permeable."""
+        self.ball, self.permeable = outline.ball, permeable
         top = self.grid.extent[2] if self.dim == 3 else 1.0
         margin = 0.0 if self.ball else self.grid.dx  # no air may slip under a body that stands on the floor
         low = outline.low - margin if outline.low <= 0 else outline.low
@@ -91,14 +80,21 @@ class Bodies:
             reach.append(half_height)
         block = [int(2 * r / self.grid.dx) + 3 for r in reach]
         self.cells = self.count * self.dim * prod(block)
-        self._put(half, turn, reach, block)
-        self.n.set(radius=radius, middle=middle, half_height=half_height, drag=drag, pace=0.0)
+        self.half, self.turn = ti.filled_vectors(half), ti.filled_vectors(turn)
+        self.reach = ti.filled_vectors(reach)
+        """Half sizes of the box around a body [m]."""
+        self.block = ti.filled_vectors(block)
+        """Number of faces per axis in the box around a body, half a cell wider on either side."""
+        self.radius, self.middle, self.half_height = map(ti.filled, (radius, middle, half_height))
+        self.drag = ti.filled(drag)
+        self.pace = ti.field(ti.f32)
+        """1/dt [1/s]; 0 while the bodies are not there."""
 
     @ti.func
     def distance(self, x: Template, b):
         """Return the distance [m] of x [m] from the surface of body b, negative inside; a bound above and below."""
         p = ti.Vector([x[0], x[1]]) - self.place[b]
-        turn, radius = self.turn[None], self.n.radius[None]
+        turn, radius = self.turn[None], self.radius[None]
         q = (
             ti.abs(ti.Vector([turn[0] * p[0] + turn[1] * p[1], turn[0] * p[1] - turn[1] * p[0]]))
             - self.half[None]
@@ -106,11 +102,11 @@ class Bodies:
         beyond = ti.sqrt(ti.max(q[0], 0.0) ** 2 + ti.max(q[1], 0.0) ** 2)
         result = beyond + ti.min(ti.max(q[0], q[1]), 0.0) - radius
         if ti.static(self.dim == 3):
-            z = x[2] - self.n.middle[None]
+            z = x[2] - self.middle[None]
             if ti.static(self.ball):
                 result = ti.sqrt(p.dot(p) + z * z) - radius
             else:
-                result = ti.max(result, ti.abs(z) - self.n.half_height[None])
+                result = ti.max(result, ti.abs(z) - self.half_height[None])
         return result
 
     @ti.func
@@ -149,7 +145,7 @@ class Bodies:
         I = ti.Vector.zero(ti.i32, self.dim)
         inside = 1
         for e in ti.static(range(self.dim)):
-            middle = self.n.middle[None]
+            middle = self.middle[None]
             if ti.static(e < 2):
                 middle = self.place[b][e]
             shift = ti.static(0.0 if e == d else 0.5)
@@ -163,7 +159,7 @@ class Bodies:
             elif i < 0 or i >= n + ti.static(int(e == d)):
                 inside = 0
             I[e] = i + ti.static(self.grid.ghost)
-        if inside == 1 and self.n.pace[None] > 0.0:
+        if inside == 1 and self.pace[None] > 0.0:
             share = self.share(x, b)
             if share > 0.0 and self.open[d][I] > 0.0:
                 mine = self.has_largest_share(x, b, share)
@@ -173,9 +169,9 @@ class Bodies:
                         v = self.velocity[b][d]
                     rate = 0.0
                     if ti.static(self.permeable):
-                        rate = dt * self.n.drag[None] * share * self._slip(u, d, I, b)
+                        rate = dt * self.drag[None] * share * self._slip(u, d, I, b)
                     else:
-                        rate = dt * self.n.pace[None] * share / (1.0 - share)
+                        rate = dt * self.pace[None] * share / (1.0 - share)
                     u[d][I] = (u[d][I] + rate * v) / (1.0 + rate)
 
     @ti.func
@@ -198,9 +194,7 @@ class MovingObstacle(Bodies):
     def __init__(self, model: Obstacle, grid: Grid, open: Faces):
         place: Field = ti.vector_field(2, ti.f32, 1)
         velocity: Field = ti.vector_field(2, ti.f32, 1)
-        super().__init__(grid, place, velocity, 1, open, ball=model.kind == "sphere" and grid.dim == 3)
-        self._move = uploader(place, velocity)
-        self.shape(outline(model, self.dim))
+        super().__init__(grid, place, velocity, 1, open, outline(model, grid.dim))
         motion = model.motion
         assert motion is not None
         self.motion, self.center = motion, model.center
@@ -208,8 +202,8 @@ class MovingObstacle(Bodies):
     def advance(self, t: float, dt: float) -> None:
         before = np.array(self.motion.place(self.center, t))
         after = np.array(self.motion.place(self.center, t + dt))
-        self._move(after[None], ((after - before) / dt)[None])
-        self.n.set(pace=1.0 / dt)
+        self.place[0], self.velocity[0] = after, (after - before) / dt
+        self.pace[None] = 1.0 / dt
 
     def fastest(self, t: float) -> float:
         """Return the largest speed [m/s] from t to t + HORIZON [s]; on a loop that of all path segments."""
@@ -229,16 +223,15 @@ class Wake(Bodies):
     def __init__(
         self, body: Body, grid: Grid, place: Field, velocity: Field, first: int, count: int, open: Faces
     ):
-        super().__init__(grid, place, velocity, count, open, first, permeable=grid.dim == 2)
-        drag = 0.0
-        if self.permeable:  # C_d/2 times frontal area over the volume of the disc through the whole slab
-            drag = DRAG * min(body.height / self.grid.depth, 1.0) / (np.pi * body.radius)
-        self.shape(Outline(radius=body.radius, high=body.height), drag)
+        # C_d/2 times frontal area over the volume of the disc through the whole slab
+        drag = DRAG * min(body.height / grid.depth, 1.0) / (np.pi * body.radius)
+        shape = Outline(radius=body.radius, high=body.height)
+        super().__init__(grid, place, velocity, count, open, shape, first, grid.dim == 2, drag)
         self.max_speed = body.max_speed
 
     def advance(self, t: float, dt: float) -> None:
         """Set the penalisation rate of a step of dt [s]; the swarm moves the robots, which are absent before t = 0."""
-        self.n.set(pace=1.0 / dt if t > -1e-9 else 0.0)
+        self.pace[None] = 1.0 / dt if t > -1e-9 else 0.0
 
     def fastest(self, t: float) -> float:
         return self.max_speed

@@ -14,8 +14,6 @@ import numpy as np
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.tables import Tables
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.openings import Fan, FanCurve, Honeycomb, Inlet, MovingWall, Opening
 from taichi_plume.solvers.fans import CurvedFan
 from taichi_plume.solvers.inflow import Fluctuations
@@ -54,7 +52,6 @@ class Boundaries:
         openings: tuple[Opening, ...],
         grid: Grid,
         area: Sequence[np.ndarray],
-        tables: Tables,
         seed: int = 0,
     ):
         """Place the openings; area: area fractions of the faces; seed: for turbulent inflow. Raises ValueError for an
@@ -74,7 +71,7 @@ class Boundaries:
         self.jets = [patch for patch in self.patches if isinstance(patch, JetPatch)]
         blowing = [openings[n] for n, patch in self._placed if isinstance(patch, JetPatch)]
         self.curved = {
-            n: self._fan(curve, opening.speed_at(0.0), self.jets[n], tables)
+            n: self._fan(curve, opening.speed_at(0.0), self.jets[n])
             for n, opening in enumerate(blowing)
             if (curve := curve_of(opening))
         }
@@ -85,16 +82,15 @@ class Boundaries:
         self.free = tuple(grid.field(shape, ti.i32) for shape in self.sides)
         self.loss, self.ambient = (tuple(grid.field(shape) for shape in self.sides) for _ in range(2))
         """Loss coefficient [1] of the opening, and kinematic pressure at the face [m²/s²]."""
-        self.is_free = self._kinds(tables)
+        self.is_free = self._kinds()
         self.has_loss = any(p.kind == "honeycomb" and p not in self.jets for p in self.patches)
         # jets and walls may change in every step
-        changing = {p.axis for p in self.patches if p in self.jets or p.kind == "wall"}
-        self._put_targets = {d: uploader(self.target[d]) for d in sorted(changing)}
+        self._changing = sorted({p.axis for p in self.patches if p in self.jets or p.kind == "wall"})
         self._set_conditions(openings, seed)
 
-    def _fan(self, curve: FanCurve, speed: float, patch: JetPatch, tables: Tables) -> CurvedFan:
+    def _fan(self, curve: FanCurve, speed: float, patch: JetPatch) -> CurvedFan:
         cells = np.stack(patch.cells(), axis=-1) + self.grid.ghost
-        return CurvedFan(curve, speed, patch.area, AIR_DENSITY, cells, patch.profile[patch.covered], tables)
+        return CurvedFan(curve, speed, patch.area, AIR_DENSITY, cells, patch.profile[patch.covered])
 
     @staticmethod
     def _face(array: np.ndarray, patch: Patch) -> np.ndarray:
@@ -114,7 +110,7 @@ class Boundaries:
         """Return a boundary array of axis d extended to the ghost layers of the other axes."""
         return array.reshape(-1, *array.shape[self.dim :])[self._repeats[d]]
 
-    def _kinds(self, tables: Tables) -> list[np.ndarray]:
+    def _kinds(self) -> list[np.ndarray]:
         """Set the mirror factors and the free faces by the kinds of the openings.
 
         Return a mask of the free faces per axis, ghost layers included.
@@ -130,8 +126,8 @@ class Boundaries:
         """Per axis, without ghost layers."""
         spread = [self.spread(faces, d) for d, faces in enumerate(free)]
         for d in range(self.dim):
-            tables.put(self.mirror[d], self.spread(mirror[d], d))
-            tables.put(self.free[d], spread[d])
+            self.mirror[d].from_numpy(self.spread(mirror[d], d))
+            self.free[d].from_numpy(spread[d])
         return spread
 
     def _set_conditions(self, openings: tuple[Opening, ...], seed: int) -> None:
@@ -160,10 +156,9 @@ class Boundaries:
             self._face(self._wall_velocities[p.axis], p)[p.covered] = 0.0
         self._sliding_targets = [self._along_walls(d) for d in range(self.dim)]
         self._targets = [target.copy() for target in self._sliding_targets]
-        uploader(*self.target, *self.loss)(
-            *(self.spread(target, d) for d, target in enumerate(self._targets)),
-            *(self.spread(faces, d) for d, faces in enumerate(loss)),
-        )
+        for d in range(self.dim):
+            self.target[d].from_numpy(self.spread(self._targets[d], d))
+            self.loss[d].from_numpy(self.spread(loss[d], d))
         self.noise = {
             n: Fluctuations(p, o.turbulence_length or 0.4 * float(p.half.min()), seed, f"inflow {n}")
             for n, (p, o) in enumerate(zip(self.jets, self._openings, strict=True))
@@ -247,7 +242,7 @@ class Boundaries:
         if speeds == self._blown and not self.noise and not slid:
             return False
         self._blown = speeds
-        for d in self._put_targets:
+        for d in self._changing:
             self._targets[d][...] = self._sliding_targets[d]
         for n, (p, speed) in enumerate(zip(self.jets, speeds, strict=True)):
             inward = 1.0 if p.side == 0 else -1.0
@@ -263,8 +258,8 @@ class Boundaries:
 
     def upload_targets(self) -> None:
         """Upload the targets of axes with openings that blow or walls that move."""
-        for d, put in self._put_targets.items():
-            put(self.spread(self._targets[d], d))
+        for d in self._changing:
+            self.target[d].from_numpy(self.spread(self._targets[d], d))
 
     def fastest(self, t: float) -> float:
         """Return the largest velocity component [m/s] that schedules prescribe between t and t + HORIZON [s]."""

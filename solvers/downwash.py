@@ -19,7 +19,6 @@ from taichi_plume.engine.fields import Field
 from taichi_plume.grid.fields import Faces
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
-from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.scenario.bodies import GRAVITY, Body
 from taichi_plume.scenario.species import AIR_DENSITY
 
@@ -50,14 +49,9 @@ class Downwash:
         self.grid, self.open, self.first, self.count = grid, open, first, count
         self.place, self.heading, self.altitude, self.acceleration = place, heading, altitude, acceleration
         self.rotors = body.rotors or 1
-        self.n = Numbers("mass", "radius", "arm", "height", "runs")
-        """runs: whether the rotors turn, 1 or 0."""
+        self.runs = ti.field(ti.i32)  # whether the rotors turn, 1 or 0
         # middles of the discs [m]; acceleration of a face of weight 1 [m/s²]
         self.hub, self.push = (ti.vector_field(3, ti.f32, count * self.rotors) for _ in range(2))
-        self.reach: Field = ti.vector_field(3, ti.f32, ())
-        """Half sizes of the box around the discs of a drone [m]."""
-        self.block: Field = ti.vector_field(3, ti.i32, ())
-        """Number of faces of the box per axis."""
         dx = grid.dx
         mass, arm = body.mass or 0.0, body.arm or 0.0
         radius = max(body.rotor_radius or 0.0, LEAST_RADIUS * dx)
@@ -66,15 +60,18 @@ class Downwash:
         cells = zip(block, self.grid.shape, self.grid.periodic, strict=True)
         block = [min(faces, n) if periodic else faces for faces, n, periodic in cells]
         self.cells = self.count * 3 * prod(block)
-        uploader(self.reach, self.block)([across, across, dx], block)
-        self.n.set(mass=mass, radius=radius, arm=arm, height=body.height, runs=0.0)
+        self.reach = ti.filled_vectors([across, across, dx])
+        """Half sizes of the box around the discs of a drone [m]."""
+        self.block = ti.filled_vectors(block)
+        """Number of faces of the box per axis."""
+        self.mass, self.radius, self.arm, self.height = map(ti.filled, (mass, radius, arm, body.height))
         thrust = mass * (GRAVITY + (body.max_acceleration or 0.0))
         disc = pi * min(self.rotors * radius**2, (arm + radius) ** 2)
         self.jet = sqrt(2.0 * thrust / (AIR_DENSITY * disc))  # speed of the far wake [m/s]
 
     def advance(self, t: float, dt: float) -> None:
         """Compute the rotors' forces on the faces around them; before t = 0 there are none."""
-        self.n.set(runs=float(t > -1e-9))
+        self.runs[None] = t > -1e-9
         if t > -1e-9:
             self._compute_forces()
 
@@ -87,14 +84,14 @@ class Downwash:
         for r in range(self.count * self.rotors):
             b = self.first + r // self.rotors
             angle = self.heading[b] + AHEAD_LEFT + 2.0 * pi * (r % self.rotors) / self.rotors
-            arm = self.n.arm[None]
+            arm = self.arm[None]
             place = self.place[b] + arm * ti.Vector([ti.cos(angle), ti.sin(angle)])
-            hub = ti.Vector([place[0], place[1], self.altitude[b] + self.n.height[None]])
+            hub = ti.Vector([place[0], place[1], self.altitude[b] + self.height[None]])
             self.hub[r] = hub
             # m (g - a), and never upward: rotors do not blow backwards
             force = -self.acceleration[b]
             force[2] = ti.min(force[2] - GRAVITY, 0.0)
-            force *= self.n.mass[None] / self.rotors * ti.cast(self.altitude[b] > LANDED, ti.f32)
+            force *= self.mass[None] / self.rotors * ti.cast(self.altitude[b] > LANDED, ti.f32)
             block = self.block[None]
             for d in ti.static(range(3)):
                 total = 0.0
@@ -138,7 +135,7 @@ class Downwash:
         """Return the weight of a face at x in the rotor disc around `hub`, up to a factor common to all faces."""
         apart = self._apart(x, hub)
         off = ti.sqrt(apart[0] * apart[0] + apart[1] * apart[1])
-        covered = ti.math.clamp(0.5 + (self.n.radius[None] - off) / self.grid.dx, 0.0, 1.0)
+        covered = ti.math.clamp(0.5 + (self.radius[None] - off) / self.grid.dx, 0.0, 1.0)
         return covered * ti.max(0.0, 1.0 - ti.abs(apart[2]) / self.grid.dx)
 
     @ti.func
@@ -152,7 +149,7 @@ class Downwash:
     def _middle(self, b):
         """Return the centre (3,) [m] of the rotors of the b-th drone."""
         p = self.place[self.first + b]
-        return ti.Vector([p[0], p[1], self.altitude[self.first + b] + self.n.height[None]])
+        return ti.Vector([p[0], p[1], self.altitude[self.first + b] + self.height[None]])
 
     @ti.func
     def _push_face(self, u: Template, d: Template, K: Template, dt):
@@ -160,7 +157,7 @@ class Downwash:
         drone whose block holds the face does so, so that no face is written twice.
         """
         I, x, inside = self._face(d, ti.Vector([K[1], K[2], K[3]]), self._middle(K[0]))
-        if inside == 1 and self.n.runs[None] > 0.0 and self.open[d][I] > 0.0:
+        if inside == 1 and self.runs[None] == 1 and self.open[d][I] > 0.0:
             mine = 1
             for b in range(K[0]):
                 _, lower, _ = self._face(d, ti.Vector([0, 0, 0]), self._middle(b))

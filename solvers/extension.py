@@ -19,7 +19,6 @@ from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass
-from taichi_plume.grid.tables import Tables
 
 REACH = 3  # cells that the convection schemes reach
 PLANE = 0.994  # share of the sum of squares of the normals' components along one direction within REACH
@@ -52,7 +51,7 @@ class Extension:
     faces with a part of the surface. There is no extension where the viscous layer is resolved (see `Surfaces.slip`).
     """
 
-    def __init__(self, surfaces: Any, convex: np.ndarray, area: list[np.ndarray], tables: Tables):
+    def __init__(self, surfaces: Any, convex: np.ndarray, area: list[np.ndarray]):
         """surfaces: `Surfaces`; convex: mask of the faces in `surfaces` beside a convex surface, bool (n,); area:
         padded area fractions of the faces.
         """
@@ -67,8 +66,8 @@ class Extension:
             beside, source = np.unique(source, return_inverse=True)
             self._count.append(len(face))
             self._beside_count.append(len(beside))
-            per_face = (face, end, source, weight, beside, np.zeros(len(beside)))
-            fields.append([tables.listed(values) for values in per_face])
+            per_face = (end, source, weight, beside, np.zeros(len(beside)))
+            fields.append([ti.filled_vectors(face), *map(ti.filled, per_face)])
         # face; end of its part of source and weight; source: number of a face in beside; beside: faces in `surfaces`,
         # and slip, their velocity [m/s]
         self._face, self._end, self._source, self._weight, self._beside, self._slip = zip(

@@ -13,7 +13,6 @@ import numpy as np
 
 from taichi_plume.engine import ti
 from taichi_plume.grid.kernels import Template
-from taichi_plume.grid.tables import Tables
 from taichi_plume.scenario.openings import FanCurve
 
 LEAST = 0.05  # fraction of the free speed below which the resistance is linear
@@ -45,11 +44,10 @@ class CurvedFan:
         density: float,
         cells: np.ndarray,
         weights: np.ndarray,
-        tables: Tables,
     ):
         self.count = len(cells)
-        self.cells = tables.listed(cells)
-        self.weights = tables.listed(weights / weights.sum())
+        self.cells = ti.filled_vectors(cells)
+        self.weights = ti.filled(weights / weights.sum())
         self.speed = speed
         self.free_speed = curve.flow / area
         self.shut_off = curve.pressure / density  # kinematic [m²/s²]

@@ -11,7 +11,6 @@ import numpy as np
 
 from taichi_plume.engine import ti
 from taichi_plume.grid.kernels import Template
-from taichi_plume.grid.transfer import Numbers, uploader
 
 WIND, GAS = 0, 1  # rows of `air`: at the height of the anemometer, and of the gas sensor
 TOP = 2.0**15  # stored value of the largest ppm of a gas in a film; half precision ends at 65504
@@ -37,14 +36,11 @@ class FilmBank:
         self.gases, self.robots = channels - 2, robots
         self.species = tuple(dict.fromkeys(bank.species))
         self._which = tuple(self.species.index(species) for species in bank.species)
-        self.film, self.gas_of = ti.field(ti.i32, count), ti.field(ti.i32, count)
+        self.film, self.gas_of = ti.field(ti.i32, count), ti.filled(np.full(count, -1))
         self.begin, self.now = ti.field(ti.f32, count), ti.field(ti.f32, count)
-        self._air = ti.field(ti.f32, (2, self.nx, self.ny))
-        self._scale = ti.field(ti.f32, (self.films, max(1, self.gases)))
-        self._numbers = Numbers("frame", "spacing")
-        uploader(self._air, self._scale)(bank.air, bank.scale if self.gases else 0.0)
-        uploader(self.film, self.gas_of, self.begin, self.now)(0, -1, 0.0, 0.0)
-        self._numbers.set(frame=bank.frame, spacing=bank.spacing)
+        self._air = ti.filled(bank.air, ti.f32)
+        self._scale = ti.filled(bank.scale if self.gases else np.zeros((self.films, 1)))
+        self._frame, self._spacing = ti.filled(bank.frame, ti.f32), ti.filled(bank.spacing, ti.f32)
         self._values = ti.field(ti.f16, bank.values.shape)
         for n, values in enumerate(bank.values):  # film by film, to avoid a second copy of the whole
             self._load(n, np.ascontiguousarray(values))
@@ -58,7 +54,7 @@ class FilmBank:
     @ti.func
     def _moment(self, e):
         """Return the frame at or before environment e's time in its film, and the weight of the next (0 to 1)."""
-        at = ti.math.clamp((self.begin[e] + self.now[e]) / self._numbers.frame[None], 0.0, self.frames - 1.0)
+        at = ti.math.clamp((self.begin[e] + self.now[e]) / self._frame[None], 0.0, self.frames - 1.0)
         n = ti.min(ti.cast(at, ti.i32), ti.max(self.frames - 2, 0))
         return n, at - n
 
@@ -69,7 +65,7 @@ class FilmBank:
         low, weights = ti.Vector([0, 0]), ti.Vector([0.0, 0.0, 0.0, 0.0])
         part = ti.Vector([0.0, 0.0])
         for d in ti.static(range(2)):
-            at = ti.math.clamp(x[d] / self._numbers.spacing[None] - 0.5, 0.0, most[d] - 1.0)
+            at = ti.math.clamp(x[d] / self._spacing[None] - 0.5, 0.0, most[d] - 1.0)
             low[d] = ti.min(ti.cast(at, ti.i32), ti.max(most[d] - 2, 0))
             part[d] = at - low[d]
         total = 0.0

@@ -9,7 +9,7 @@ second order.
 """
 
 from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 
@@ -20,8 +20,6 @@ from taichi_plume.grid.fields import Carrier, Faces
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template, launch
 from taichi_plume.grid.sweeps import flux_sweep, sweep
-from taichi_plume.grid.tables import Tables
-from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.continuity import corrected, increased, net_inflow
@@ -86,8 +84,7 @@ class FlowSolver(Carrier):
         """
         self.grid = grid
         self.dim = grid.dim
-        tables = Tables()
-        self.boundaries = Boundaries(model.openings, grid, air.area, tables, seed)
+        self.boundaries = Boundaries(model.openings, grid, air.area, seed)
         self._area = [grid.pad_faces(faces, d) for d, faces in enumerate(air.area)]
         fractions = opennesses(grid, self._area, self.boundaries.is_free)
         self.u = grid.faces_field()
@@ -106,22 +103,18 @@ class FlowSolver(Carrier):
         away = None if self.nu is None else distances(air, self.boundaries.is_wall, grid)
         self.momentum = Momentum(
             model, grid, self.u, self.p, self.nu, fractions, areas, [scalar.field for scalar in weighing],
-            [scalar.weight for scalar in weighing], sources, tables, away,
+            [scalar.weight for scalar in weighing], sources, away,
         )  # fmt: skip
         self.walls = None
         if self.nu is not None and not all(grid.periodic):
             self.walls = Walls(self.boundaries, self.momentum)
         self.open, self.area = self.momentum.open, self.momentum.area
-        screens = (
-            ScreenResistance(screen, grid, fractions, tables, model.viscosity) for screen in model.screens
-        )
+        screens = (ScreenResistance(screen, grid, fractions, model.viscosity) for screen in model.screens)
         self.resistances: tuple[Resistance, ...] = (*screens, *(make(self.open) for make in resistances))
-        self.surfaces = None if air.empty else Surfaces(self.momentum, air, self._area, fractions, tables)
+        self.surfaces = None if air.empty else Surfaces(self.momentum, air, self._area, fractions)
         self.limits = Limits(self.momentum)
-        tables.upload()
         self.solver = pressure_solver(tuple(a * o for a, o in zip(self._area, fractions, strict=True)), grid)
         self._list_passes()
-        self._read_velocity = reader(*self.u)
         self.courant, self.tolerance, self.viscosity = model.courant, model.tolerance, model.viscosity
         self._stages = stages_for(model.courant)
         self._weights = self.limits.weights(model.courant)
@@ -229,17 +222,9 @@ class FlowSolver(Carrier):
 
     def start_from(self, velocity: Callable[[np.ndarray], np.ndarray]) -> None:
         """Set u from a function of points (..., dim) [m] to velocities [m/s], made divergence-free; p becomes 0."""
-        self._put_velocity(
-            *(
-                np.where(area > 0.0, velocity(padded_faces(self.grid, d))[..., d], 0.0)
-                for d, area in enumerate(self._area)
-            )
-        )
+        for d, area in enumerate(self._area):
+            self.u[d].from_numpy(np.where(area > 0.0, velocity(padded_faces(self.grid, d))[..., d], 0.0))
         self._settle()
-
-    @cached_property
-    def _put_velocity(self) -> Callable[..., None]:
-        return uploader(*self.u)
 
     def _settle(self) -> None:
         """Make the present u divergence-free and set p to 0."""
@@ -290,7 +275,7 @@ class FlowSolver(Carrier):
 
         With a turbulence model also the median and largest y+ of the cells at the domain's walls.
         """
-        u = [values.astype(np.float64) for values in self._read_velocity()]
+        u = [field.to_numpy().astype(np.float64) for field in self.u]
         y_plus = self.walls.y_plus(u) if self.walls is not None else np.empty(0)
         heights = {"median": np.median(y_plus), "max": y_plus.max()} if len(y_plus) else {}
         if self.area is not None:

@@ -13,7 +13,6 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, GridGas
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import launch
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.gases import EulerianGas
 from taichi_plume.scenario.openings import Opening
 from taichi_plume.solvers.convection import LIMITED
@@ -46,8 +45,7 @@ class EulerianSolver(GridGas):
         """
         self.grid = grid
         self.dim = grid.dim
-        self.air, self._solid = grid.field(), air.solid
-        uploader(self.air)(grid.pad(~air.solid))
+        self.air, self._solid = grid.filled(grid.pad(~air.solid)), air.solid
         self.species = gas.vapour
         self.emissions = [
             Emission(f"{name}.sources[{n}]", source, t, seed, self.species, wind)

@@ -16,7 +16,6 @@ from taichi_plume.engine.fields import Field
 from taichi_plume.grid.fields import Gas
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.closed_forms import ContinuousGas, GaussianPuffGas
 from taichi_plume.solvers.gaussian_kernels import FAR, gaussian, walls_along
 from taichi_plume.solvers.uniform_wind import UniformSolver
@@ -50,7 +49,6 @@ class GaussianPuffs(Gas):
         self.mass: Field = ti.field(ti.f32, self.count)
         self.centre: Field = ti.vector_field(grid.dim, ti.f32, self.count)
         self.variance: Field = ti.vector_field(grid.dim, ti.f32, self.count)
-        self._put = uploader(self.mass, self.centre, self.variance)
         self._time = np.array([release.time for release in gas.releases])
         self._radius = np.array([release.radius for release in gas.releases])
         self._place = np.array([release.position for release in gas.releases])
@@ -69,7 +67,9 @@ class GaussianPuffs(Gas):
         carried = np.where(out[:, None], self.wind.displacement(end) - self._start, 0.0)
         centre = self._place + np.array(self.wind.mean) * age + carried
         variance = self._radius[:, None] ** 2 + 2.0 * self._diffusivity * age
-        self._put(np.where(out, self._mass, 0.0), centre, variance)
+        self.mass.from_numpy(np.where(out, self._mass, 0.0))
+        self.centre.from_numpy(centre)
+        self.variance.from_numpy(variance)
 
     @ti.func
     def concentration(self, x: Template, t: float):
@@ -102,34 +102,25 @@ class ContinuousPuffs(Gas):
         self.dim, self.species = grid.dim, gas.vapour
         self.count = len(gas.sources)
         self.walls = reflecting(gas, grid)
-        self.U: Field = ti.vector_field(grid.dim, ti.f32, ())
-        self.D: Field = ti.vector_field(grid.dim, ti.f32, ())
-        self.root_B = ti.field(ti.f32, ())
-        self.place: Field = ti.vector_field(grid.dim, ti.f32, self.count)
-        self.rate, self.spread = (ti.field(ti.f32, self.count) for _ in range(2))
-        self.youngest, self.oldest = (ti.field(ti.f32, self.count) for _ in range(2))
-        self.node, self.weight = (ti.field(ti.f32, NODES) for _ in range(2))
-        self._put_ages = uploader(self.youngest, self.oldest)
         D, U = diffusivities(gas, self.dim), np.array(wind.mean)
         depth = grid.depth if self.dim == 2 else 1.0
         mean = float(np.exp(np.log(D).mean()))
         self._span = [
             (-inf if s.start is None else s.start, inf if s.stop is None else s.stop) for s in gas.sources
         ]
-        uploader(self.U, self.D, self.root_B, self.place, self.rate, self.spread, self.node, self.weight)(
-            U,
-            D,
-            max(np.sqrt((U**2 / (4.0 * D)).sum()), 1e-15),
-            [source.position for source in gas.sources],
-            [source.rate / depth for source in gas.sources],
-            [source.radius**2 / (2.0 * mean) for source in gas.sources],
-            *np.polynomial.legendre.leggauss(NODES),
-        )
+        self.U, self.D = ti.filled_vectors(U), ti.filled_vectors(D)
+        self.root_B = ti.filled(max(np.sqrt((U**2 / (4.0 * D)).sum()), 1e-15))
+        self.place = ti.filled_vectors([source.position for source in gas.sources])
+        self.rate = ti.filled([source.rate / depth for source in gas.sources])
+        self.spread = ti.filled([source.radius**2 / (2.0 * mean) for source in gas.sources])
+        self.youngest, self.oldest = (ti.field(ti.f32, self.count) for _ in range(2))
+        self.node, self.weight = map(ti.filled, np.polynomial.legendre.leggauss(NODES))
         self.advance(t, 0.0)
 
     def advance(self, t: float, dt: float) -> None:
         ages = np.clip([(t + dt - stop, t + dt - start) for start, stop in self._span], 0.0, 1e30)
-        self._put_ages(*ages.T)
+        self.youngest.from_numpy(ages[:, 0])
+        self.oldest.from_numpy(ages[:, 1])
 
     @ti.func
     def concentration(self, x: Template, t: float):

@@ -13,7 +13,6 @@ from math import ceil, expm1
 import numpy as np
 
 from taichi_plume.engine import ti
-from taichi_plume.grid.transfer import Numbers
 
 KNOTS_PER_TIME = 20  # between knots v lacks 0.6 % of its variance, Y 0.1 % of s T
 KNOTS_PER_REACH = 50  # where the integral time of the gusts is longer than the reach
@@ -65,10 +64,9 @@ class OrnsteinUhlenbeck:
         self.head = ti.field(ti.i32, ())
         self.share = ti.field(ti.f32, ())
         self.now = ti.vector_field(self.size, ti.f32, ())
-        self.n = Numbers("reach", "interval")
         self.deviations = np.asarray(deviations, float)
         self.time, self.reach, self.interval = time, reach, interval(time, reach)
-        self.n.set(reach=reach, interval=self.interval)
+        self._reach, self._interval = ti.filled(reach, ti.f32), ti.filled(self.interval, ti.f32)
         self._rng = rng
         self._known = np.zeros((self.count, 2, self.size))
         self._drawn = 0
@@ -135,8 +133,8 @@ class OrnsteinUhlenbeck:
     @ti.func
     def before(self, age: float):
         """Return the growth of each Y over the last `age` seconds, and each v at the start of that time."""
-        interval = self.n.interval[None]
-        place = self.share[None] - ti.math.clamp(age, 0.0, self.n.reach[None]) / interval
+        interval = self._interval[None]
+        place = self.share[None] - ti.math.clamp(age, 0.0, self._reach[None]) / interval
         below = ti.floor(place)
         knot = (self.head[None] + ti.cast(below, ti.i32) + self.count) % self.count
         low, high = self.path[knot], self.path[(knot + 1) % self.count]

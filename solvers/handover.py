@@ -14,7 +14,6 @@ from taichi_plume.engine import ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, sample_cells
 from taichi_plume.grid.kernels import Template
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.solvers.convection import LIMITED
 from taichi_plume.solvers.puff_deposit import Deposit
 from taichi_plume.solvers.transport import Scalar, Transport
@@ -35,8 +34,7 @@ class Handover:
     def __init__(self, solver: Any, wind: Carrier, air: Air, convection: str, diffusivity: float):
         self.solver, self.grid, self.wind = solver, solver.grid, wind
         self.limit = (WIDTH * self.grid.dx) ** 2
-        self.air = self.grid.field()
-        uploader(self.air)(self.grid.pad(~air.solid))
+        self.air = self.grid.filled(self.grid.pad(~air.solid))
         scheme = LIMITED[convection]
         self.transport = Transport(self.grid, wind, air, scheme, Scalar(self.grid), diffusivity, wind.schmidt)
         self._deposit = Deposit(solver, air, self.transport.q, self.transport.rest)

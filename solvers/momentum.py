@@ -8,7 +8,6 @@ cut the grid, the flux through a side of that volume is multiplied by the air fr
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -17,8 +16,6 @@ from taichi_plume.engine.fields import Field
 from taichi_plume.grid.fields import Faces
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
-from taichi_plume.grid.tables import Tables
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.convection import FLUXES
 from taichi_plume.solvers.turbulence import MODELS, mixing_lengths
@@ -91,7 +88,6 @@ class Momentum:
         weighing: Sequence[Field],
         weights: Sequence[float],
         sources: Sequence[Field],
-        tables: Tables,
         distance: np.ndarray | None,
     ):
         """fractions, areas: of all faces on the padded grid, see `fields.Carrier`; no areas if no face is cut.
@@ -101,56 +97,43 @@ class Momentum:
         """
         self.grid, self.dim, self.dx = grid, grid.dim, grid.dx
         self.u, self.p, self.nu = u, p, nu
-
-        def put(values: np.ndarray) -> Field:
-            return tables.put(grid.field(), values)
-
-        self.open = tuple(put(values) for values in fractions)
+        self.open = tuple(grid.filled(values) for values in fractions)
         self.cut = areas is not None
         self.area: Field = None
         self.spread, self.sheared = self.open, ()
         if areas is not None:
-            self.area = tuple(put(area) for area in areas)
+            self.area = tuple(grid.filled(area) for area in areas)
             volumes = [
                 np.maximum(a, 1e-6) / np.maximum(o, 1e-6) for a, o in zip(areas, fractions, strict=True)
             ]
             self.spread = tuple(
-                put((o > 0.0) / np.maximum(v, 1e-3)) for v, o in zip(volumes, fractions, strict=True)
+                grid.filled((o > 0.0) / np.maximum(v, 1e-3)) for v, o in zip(volumes, fractions, strict=True)
             )
             self.sheared = tuple(
-                tuple(put(area) if d != e else None for e, area in enumerate(sheared_areas(areas, d)))
+                tuple(grid.filled(area) if d != e else None for e, area in enumerate(sheared_areas(areas, d)))
                 for d in range(self.dim)
             )
         self.eddies = nu is not None
         self.rough = model.roughness is not None
         self.distance = self.mixing = None
-        self._near: Any = None  # distance, on the padded grid
+        constant = 0.0 if model.turbulence.kind == "none" else model.turbulence.constant
         if distance is not None:
-            self._near = grid.pad(distance)
-            self.distance, self.mixing = put(self._near), grid.field()
+            near = grid.pad(distance)
+            grids, surface = mixing_lengths(near, grid.dx, constant)
+            smagorinsky = model.turbulence.kind == "smagorinsky"
+            self.distance = grid.filled(near)
+            self.mixing = grid.filled(np.maximum(grids, surface) if smagorinsky else surface)
         self.eddy_model = MODELS.get(model.turbulence.kind)
         self.face_flux = FLUXES[model.convection]
         self.driven = model.acceleration is not None
         self.weighing, self.sources = tuple(weighing), tuple(sources)
-        self.viscosity, self.constant, self.roughness = (ti.field(ti.f32, ()) for _ in range(3))
-        self.force: Field = ti.vector_field(grid.dim, ti.f32, ())
-        count = max(1, len(self.weighing))
-        self.weight = ti.field(ti.f32, count)
-        self.pull, self.half_pull = (ti.vector_field(grid.dim, ti.f32, count) for _ in range(2))
-        self._set_parameters(model, np.array(weights or [0.0]))
-
-    def _set_parameters(self, model: CfdWind, weight: np.ndarray) -> None:
-        gravity = np.array((0.0,) * self.dim if model.buoyancy is None else model.buoyancy.pull(self.dim))
-        constant = 0.0 if model.turbulence.kind == "none" else model.turbulence.constant
-        force = np.array(model.acceleration or (0.0,) * self.dim) * self.dx
-        pull = weight[:, None] * gravity
-        uploader(
-            self.viscosity, self.constant, self.roughness, self.force, self.weight, self.pull, self.half_pull
-        )(model.viscosity, constant, model.roughness or 0.0, force, weight, pull, 0.5 * self.dx * pull)
-        if model.turbulence.kind != "none":
-            grids, surface = mixing_lengths(self._near, self.dx, constant)
-            smagorinsky = model.turbulence.kind == "smagorinsky"
-            self.mixing.from_numpy(np.maximum(grids, surface) if smagorinsky else surface)
+        self.viscosity, self.constant = ti.filled(model.viscosity), ti.filled(constant)
+        self.roughness = ti.filled(model.roughness or 0.0)
+        self.force = ti.filled_vectors(np.array(model.acceleration or (0.0,) * grid.dim) * grid.dx)
+        self.weight = ti.filled(weights)
+        gravity = (0.0,) * grid.dim if model.buoyancy is None else model.buoyancy.pull(grid.dim)
+        pull = np.outer(weights, gravity)
+        self.pull, self.half_pull = ti.filled_vectors(pull), ti.filled_vectors(0.5 * grid.dx * pull)
 
 
 def sheared_areas(areas: Sequence[np.ndarray], d: int) -> list[np.ndarray]:

@@ -7,7 +7,6 @@ from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
-from taichi_plume.grid.tables import Tables
 from taichi_plume.solvers.poisson import OpenFractions
 from taichi_plume.solvers.vcycle import VCycle
 
@@ -18,8 +17,7 @@ class Multigrid(VCycle):
     """Poisson solver by conjugate gradients with one V-cycle as preconditioner; a `pressure.PressureSolver`."""
 
     def __init__(self, fractions: OpenFractions, grid: Grid):
-        tables = Tables()
-        super().__init__(fractions, tables)
+        super().__init__(fractions)
         self.grid = grid
         fine = fractions.a[0].size
         self.p, self.phi = (ti.field(ti.f32, fine) for _ in range(2))
@@ -30,18 +28,17 @@ class Multigrid(VCycle):
         self.rho, self.alpha, self.beta, self.mean = (ti.field(ti.f32, ()) for _ in range(4))
         matrix = fractions.matrix()
         self.air_cells = int((matrix.diagonal() > 0).sum())
-        self._store_grounded(matrix, fractions.shape, tables)
+        self._store_grounded(matrix, fractions.shape)
         self.floating = self.conductance == 0.0
         self.iterations = 0
-        tables.upload()
 
-    def _store_grounded(self, matrix: sp.csr_array, shape: tuple[int, ...], tables: Tables) -> None:
+    def _store_grounded(self, matrix: sp.csr_array, shape: tuple[int, ...]) -> None:
         """Store the coefficients of the free faces of the domain, where phi = 0, in the cells beside them."""
         excess = np.where(matrix.diagonal() > 0, np.asarray(matrix.sum(axis=1)).ravel(), 0.0)
         excess = np.where(excess > 1e-6, excess, 0.0)
         self.conductance = float(excess.sum())
         padded = np.pad(excess.reshape(shape, order="F"), 1).ravel(order="F")
-        self.ground = tables.put(ti.field(ti.f32, padded.size), padded)
+        self.ground = ti.filled(padded)
 
     # ---- conjugate gradients; sums are added in one order, so results do not depend on the threads
 

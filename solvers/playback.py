@@ -17,7 +17,6 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, GridGas, Wind, sample_faces
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.gases import PlaybackGas, PureGas
 from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.playback import MovieGas, PlaybackWind, Played
@@ -157,14 +156,14 @@ class PlayedWind(Carrier):
         self.u = tuple(self.film.now[name] for name in self.speed_names)
         self.nu = self.film.now.get("viscosity")
         air = film.air()
-        self.open = grid.faces_field()
-        self.area = None if air.empty else grid.faces_field()
         within = [[(grid.ghost, grid.ghost - (a == d)) for a in range(grid.dim)] for d in range(grid.dim)]
-        still = [
-            np.pad(film.still(f"open_{name}"), w) for name, w in zip(self.speed_names, within, strict=True)
-        ]
-        cut = [grid.pad_faces(area, d) for d, area in enumerate(air.area)] if self.area else []
-        uploader(*self.open, *(self.area or ()))(*still, *cut)
+        self.open = tuple(
+            grid.filled(np.pad(film.still(f"open_{name}"), w))
+            for name, w in zip(self.speed_names, within, strict=True)
+        )
+        self.area = None
+        if not air.empty:
+            self.area = tuple(grid.filled(grid.pad_faces(area, d)) for d, area in enumerate(air.area))
         self._set_maxima()
 
     def _prepare(self, frame: dict[str, np.ndarray]) -> FrameValues:
@@ -204,8 +203,7 @@ class PlayedGas(GridGas):
         self.species, self.density = gas.vapour, gas.density_per_unit
         self.film = FramePlayer(film, grid, [name], grid.ghost, gas, t, self._prepare)
         self.c = self.film.now[name]
-        self.air = grid.field()
-        uploader(self.air)(grid.pad(film.still("volume") > 0))
+        self.air = grid.filled(grid.pad(film.still("volume") > 0))
 
     def _prepare(self, frame: dict[str, np.ndarray]) -> FrameValues:
         """Return a frame's concentrations [kg/m³] with all ghost layers, by name; no maxima (None)."""
@@ -258,9 +256,7 @@ class TickGas(PlayedGas):
     def __init__(self, film: TickFilm, number: int, model: PureGas, grid: Grid, air: Air, t: float):
         """Create the field of the gas; number: index of the gas in the shared recording."""
         self.grid, self.dim = grid, grid.dim
-        # in trees of their own, as a solver's fields: otherwise LLVM sums in another order, and the last bit may differ
-        self.air = grid.field()
-        uploader(self.air)(grid.pad(~air.solid))
+        self.air = grid.filled(grid.pad(~air.solid))
         self.species = model.vapour
         self.film = FramePlayer(film, grid, [variable(number)], 1, TICKS, t)
         (self.c,) = self.film.now.values()

@@ -10,12 +10,10 @@ away the air loses the memory of its gusts, and the mean plume widens as by diff
 """
 
 from taichi_plume.engine import ti
-from taichi_plume.engine.fields import Field
 from taichi_plume.grid.fields import Gas
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import generator
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.closed_forms import GaussianPlumeGas, MeanderingGas
 from taichi_plume.scenario.vocabulary import Face
 from taichi_plume.solvers.gaussian_kernels import gaussian, walls_along
@@ -57,33 +55,15 @@ class Plumes(Gas):
         self.meanders = gas.kind == "meandering"
         self.most = most_walls(gas.reflecting(grid.dim), grid.dim)
         self.width: OrnsteinUhlenbeck | None = None
-        self.place: Field = ti.vector_field(grid.dim, ti.f32, self.count)
-        self.flow, self.radius = (ti.field(ti.f32, self.count) for _ in range(2))
-        self.speed, self.fluctuation = (ti.field(ti.f32, ()) for _ in range(2))
-        self.axes: Field = ti.vector_field(grid.dim, ti.f32, grid.dim)
-        self.growth: Field = ti.vector_field(3, ti.f32, grid.dim - 1)
-        self.walls: Field = ti.vector_field(2, ti.f32, grid.dim - 1)
         model, depth = wind.model, grid.depth if self.dim == 2 else 1.0
         fluctuation = gas.width_fluctuation
-        uploader(
-            self.place,
-            self.flow,
-            self.radius,
-            self.speed,
-            self.fluctuation,
-            self.axes,
-            self.growth,
-            self.walls,
-        )(
-            [source.position for source in gas.sources],
-            [source.rate / model.speed / depth for source in gas.sources],
-            [source.radius for source in gas.sources],
-            model.speed,
-            fluctuation**2,
-            model.frame,
-            gas.growth(self.dim - 1, model.speed),
-            walls_along(gas.reflecting(self.dim), model.frame[1:], grid.extent),
-        )
+        self.place = ti.filled_vectors([source.position for source in gas.sources])
+        self.flow = ti.filled([source.rate / model.speed / depth for source in gas.sources])
+        self.radius = ti.filled([source.radius for source in gas.sources])
+        self.speed, self.fluctuation = ti.filled(model.speed), ti.filled(fluctuation**2)
+        self.axes = ti.filled_vectors(model.frame)
+        self.growth = ti.filled_vectors(gas.growth(self.dim - 1, model.speed))
+        self.walls = ti.filled_vectors(walls_along(gas.reflecting(self.dim), model.frame[1:], grid.extent))
         if self.meanders:
             assert model.gusts is not None, "a meandering plume needs a wind with gusts"
             reach, rng = memory(model, grid.extent), generator(seed, f"{name}.width_fluctuation")

@@ -13,7 +13,6 @@ from taichi_plume.files.point_frames import PointFrames
 from taichi_plume.grid.fields import Gas, Wind
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import generator
-from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.scenario.playback import PlumeSimWind, PointPlayback
 from taichi_plume.scenario.plumesim import FluentGas, PercentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.solvers.point_cloud import PointCloud
@@ -131,22 +130,14 @@ class ProgramPuff(Gas):
 
     def __init__(self, gas: PlumeSimPuff, extent: tuple[float, ...], t: float = 0.0):
         self.model, self.species = gas, gas.vapour
-        self.release, self.lowest, self.highest, self.spread = (
-            ti.vector_field(2, ti.f32, ()) for _ in range(4)
-        )
-        self.cell, self.reach2, self.peak = (ti.field(ti.f32, ()) for _ in range(3))
         self.number = ti.field(ti.f32, ())
         nodes = np.array([max(1, int(width / gas.cell + 1e-9)) for width in extent[:2]])
         wide = 4 * pi * sqrt(gas.diffusion[0] * gas.diffusion[1])
-        uploader(self.release, self.lowest, self.highest, self.spread, self.cell, self.reach2, self.peak)(
-            gas.release_point,
-            1 - nodes if gas.all_around else 0,
-            nodes - 1,
-            gas.diffusion,
-            gas.cell,
-            gas.cell**2,
-            density_per_percent(gas) * gas.amount / wide,
-        )
+        self.release, self.spread = ti.filled_vectors(gas.release_point), ti.filled_vectors(gas.diffusion)
+        self.lowest = ti.filled_vectors(1 - nodes if gas.all_around else 0 * nodes, ti.f32)
+        self.highest = ti.filled_vectors(nodes - 1, ti.f32)
+        self.cell, self.reach2 = ti.filled(gas.cell), ti.filled(gas.cell**2)
+        self.peak = ti.filled(density_per_percent(gas) * gas.amount / wide)
         self._show(t)
 
     def frame_at(self, t: float) -> int:
@@ -202,16 +193,15 @@ class ProgramMeander(Gas):
         self.species = gas.vapour
         self.place = meandering_points(gas, extent[0], generator(seed, f"{name} meandering"))
         self.cloud = PointCloud(extent, ROUNDING * gas.radius, 1, len(self.place))
-        self.n = Numbers("share", "full")
         self.cloud.set(self.place, np.zeros((len(self.place), 1)))
         start = np.add(gas.release_point, (gas.radius, 0.0))
         # the release itself lies exactly at this distance, and counts
         most = int((np.linalg.norm(self.place - start, axis=1) <= ROUNDING * gas.radius).sum())
-        self.n.set(share=100.0 / most, full=density_per_percent(gas))
+        self.share, self.full = ti.filled(100.0 / most), ti.filled(density_per_percent(gas))
 
     def advance(self, t: float, dt: float) -> None:
         """Do nothing: the plume is static."""
 
     @ti.func
     def concentration(self, x: Template, t: float):
-        return self.n.full[None] * ti.min(100.0, self.n.share[None] * self.cloud.count(x))
+        return self.full[None] * ti.min(100.0, self.share[None] * self.cloud.count(x))

@@ -11,7 +11,6 @@ import numpy as np
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 from taichi_plume.grid.kernels import Template
-from taichi_plume.grid.transfer import uploader
 
 MOST_BINS = 65_536
 NEAREST, FARTHEST = 1e-6, 1e6  # m: limits of a reach, whose square must fit in f32
@@ -38,7 +37,6 @@ class PointCloud:
         self.order: Field = ti.field(ti.i32, self.capacity)
         self.place: Field = ti.vector_field(2, ti.f32, self.capacity)
         self.value: Field = ti.vector_field(values, ti.f32, self.capacity)
-        self._put = uploader(self.first, self.order, self.place, self.value)
 
     def set(self, place: np.ndarray, value: np.ndarray) -> None:
         """Replace all points by points (n, 2) [m] with values (n, values); those out of reach are left out."""
@@ -48,12 +46,10 @@ class PointCloud:
         bins = row * self.bins[0] + column
         sort = np.argsort(bins, kind="stable")
         counts = np.bincount(bins, minlength=prod(self.bins))
-        first = np.concatenate([[0], np.cumsum(counts)])
-        self._put(first, *(self._filled(of_each) for of_each in (sort, place[sort], value[sort])))
-
-    def _filled(self, values: np.ndarray) -> np.ndarray:
-        """Return the values followed by zeros, `capacity` in number."""
-        return np.concatenate([values, np.zeros((self.capacity - len(values), *values.shape[1:]))])
+        self.first.from_numpy(np.concatenate([[0], np.cumsum(counts)]))
+        for field, of_each in ((self.order, sort), (self.place, place[sort]), (self.value, value[sort])):
+            field.fill(0)
+            field[: len(sort)] = of_each
 
     @ti.func
     def _bins(self, x: Template, d: Template):

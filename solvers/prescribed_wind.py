@@ -6,7 +6,6 @@ import numpy as np
 
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.transfer import uploader
 
 Velocities = Callable[[np.ndarray], np.ndarray]
 """Function from points (..., dim) [m] to velocities (..., dim) [m/s]."""
@@ -24,11 +23,9 @@ class PrescribedWind(Carrier):
     def __init__(self, velocity: Velocities, grid: Grid):
         """velocity: evaluated at the centres of all faces."""
         self.grid, self.dim = grid, grid.dim
-        self.u = grid.faces_field()
-        self.open = grid.faces_field()
-        uploader(*self.open)(*(1.0 for _ in self.open))
         u = [velocity(padded_faces(grid, d))[..., d] for d in range(grid.dim)]
-        uploader(*self.u)(*u)
+        self.u = tuple(map(grid.filled, u))
+        self.open = tuple(grid.filled(np.ones(grid.padded)) for _ in u)
         inner = [
             v[tuple(slice(a, b + (axis == d)) for axis, (a, b) in enumerate(grid.cells))]
             for d, v in enumerate(u)

@@ -15,7 +15,6 @@ from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field, on_cpu
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
-from taichi_plume.grid.transfer import uploader
 
 STEP = 2.0  # factor from the sizes of a list to those of the next list
 WIDTH = 0.5  # width of the cells over the reach of a list's puffs
@@ -36,24 +35,13 @@ class PuffCells:
         sizes, shapes = self._lists_of(smallest)
         ends = np.cumsum([0, *map(prod, shapes)])
         capacity = int(ends[-1])
-        self._size: Field = ti.field(ti.f32, len(sizes))  # size of the largest puff in each list [m]
-        self._shape: Field = ti.vector_field(self.dim, ti.i32, len(sizes))
-        self._first: Field = ti.field(ti.i32, len(sizes) + 1)
-        self.lists: Field = ti.field(ti.i32, ())  # number of lists
-        self._cells: Field = ti.field(ti.i32, ())  # number of cells of all lists
-        self._largest: Field = ti.field(ti.f32, ())
-        self._per_smallest: Field = ti.field(ti.f32, ())
-        uploader(
-            self._size, self._shape, self._first, self.lists, self._cells, self._largest, self._per_smallest
-        )(
-            sizes,
-            shapes,
-            ends,
-            len(sizes),
-            capacity,
-            np.float32(0.999 * sizes[-1]),
-            1.0 / float(np.float32(sizes[0])),
-        )
+        self._size = ti.filled(sizes)  # size of the largest puff in each list [m]
+        self._shape = ti.filled_vectors(shapes)
+        self._first = ti.filled(ends)
+        self.lists = ti.filled(len(sizes))  # number of lists
+        self._cells = ti.filled(capacity)  # number of cells of all lists
+        self._largest = ti.filled(0.999 * sizes[-1])
+        self._per_smallest = ti.filled(1.0 / float(np.float32(sizes[0])))
         self.start: Field = ti.field(ti.i32, capacity + 1)
         self.farthest: Field = ti.field(ti.f32, ())  # largest reach of any puff [m]
         self.order: Field = ti.field(ti.i32, most)

@@ -13,7 +13,6 @@ import numpy as np
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field, on_cpu
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.solvers.puff_list import FREE
 from taichi_plume.solvers.transport import raised
 
@@ -44,8 +43,8 @@ class Deposit:
         self.exact = rest is not None
         carrier = solver.wind.carrier
         self._area: Field = (carrier.area if carrier is not None else None) or ()
-        self.room: Field = self.grid.field()
-        uploader(self.room)(self.grid.pad(np.where(air.solid | (air.room < LEAST), 0.0, air.room)))
+        room = np.where(air.solid | (air.room < LEAST), 0.0, air.room)
+        self.room = self.grid.filled(self.grid.pad(room))
         # fractions of the present puff per axis and cell; on a GPU of a batch of puffs
         self._lanes = 1 if on_cpu() else 4096
         self._share: Field = ti.field(ti.f32, (self._lanes, self.dim, max(self.grid.shape)))

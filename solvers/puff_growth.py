@@ -22,7 +22,6 @@ from taichi_plume.engine.fields import Field
 from taichi_plume.grid.fields import Wind, corner, corner_weight
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
-from taichi_plume.grid.transfer import Numbers
 from taichi_plume.scenario.gases import PuffGas
 
 GROWTH = 1e-4  # m²/s, default in a wind without eddies
@@ -55,41 +54,35 @@ class Growth:
         law = gas.growth
         self.local = self.eddying and (law is None or (law.kind == "inertial" and law.dissipation is None))
         self.inertial = self.local or (law is not None and law.kind == "inertial")
-        self._n = Numbers("diffusivity", "rate", "widest", "viscosity", "per_schmidt", "uphill")
         rate = (GROWTH if alone else 0.0) if law is None or law.kind != "diffusive" else law.rate
         if self.local:
             rate = rate_per_difference(self.dim)
         elif law is not None and law.kind == "inertial":
             rate = (RICHARDSON * (law.dissipation or DISSIPATION) / 6.0) ** (1 / 3)
-        eddies = {}
-        if carrier is not None:
-            eddies = {
-                "viscosity": carrier.viscosity,
-                "per_schmidt": 1.0 / float(np.float32(carrier.schmidt)),
-                "uphill": 1.0 / float(np.float32(carrier.schmidt * self.grid.dx)),
-            }
-        self._n.set(diffusivity=gas.vapour.diffusivity, rate=rate, widest=self.grid.dx ** (2 / 3), **eddies)
-
-    @property
-    def diffusive(self) -> float:
+        self.diffusive = 0.0 if self.inertial else 0.5 * rate
         """Diffusivity [m²/s] of a given diffusive growth law, without molecules and eddies; 0 for other laws."""
-        return 0.0 if self.inertial else 0.5 * self._n["rate"]
+        self._rate, self._widest = ti.filled(rate), ti.filled(grid.dx ** (2 / 3))
+        self._diffusivity = ti.filled(gas.vapour.diffusivity)
+        if carrier is not None:
+            self._viscosity = ti.filled(carrier.viscosity)
+            self._per_schmidt = ti.filled(1.0 / float(np.float32(carrier.schmidt)))
+            self._uphill = ti.filled(1.0 / float(np.float32(carrier.schmidt * grid.dx)))
 
     @ti.func
     def grown(self, variance: float, x: Template, K: float, dt: float):
         """Return the variance [m²] after dt [s] of a puff at x [m]; K: eddy diffusivity there [m²/s]."""
-        rate, after = self._n.rate[None], variance
+        rate, after = self._rate[None], variance
         if ti.static(self.local):
             rate *= self._difference(x)
             width = ti.pow(variance, 1.0 / 3.0)
-            gain = ti.math.clamp(self._n.widest[None] - width, 0.0, dt * rate)
-            after = (width + gain) ** 3 + 3.0 * self._n.widest[None] ** 2 * (dt * rate - gain)
+            gain = ti.math.clamp(self._widest[None] - width, 0.0, dt * rate)
+            after = (width + gain) ** 3 + 3.0 * self._widest[None] ** 2 * (dt * rate - gain)
             after = ti.max(after, variance + 2.0 * dt * K)
         elif ti.static(self.inertial):
             after = (ti.pow(variance, 1.0 / 3.0) + rate * dt) ** 3 + 2.0 * dt * K
         else:
             after += dt * (rate + 2.0 * K)
-        return after + 2.0 * dt * self._n.diffusivity[None]
+        return after + 2.0 * dt * self._diffusivity[None]
 
     @ti.func
     def _difference(self, x: Template):
@@ -122,12 +115,12 @@ class Growth:
             shift = ti.Vector([0.5] * self.dim)
             base, weight = corner(x, shift, self.grid.dx, self.grid.ghost, self.grid.padded)
             for offset in ti.static(ti.grouped(ti.ndrange(*((2,) * self.dim)))):
-                nu = ti.max(self.eddies[base + offset] - self._n.viscosity[None], 0.0)
+                nu = ti.max(self.eddies[base + offset] - self._viscosity[None], 0.0)
                 K += corner_weight(weight, offset) * nu
                 for d in ti.static(range(self.dim)):
                     part = weight
                     part[d] = 1.0 * offset[d]
                     uphill[d] += (2.0 * offset[d] - 1.0) * corner_weight(part, offset) * nu
-            K *= self._n.per_schmidt[None]
-            uphill *= self._n.uphill[None]
+            K *= self._per_schmidt[None]
+            uphill *= self._uphill[None]
         return K, uphill

@@ -30,7 +30,6 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.level_set import LevelSet
 from taichi_plume.grid.rng import generator, normal4, stream_id
-from taichi_plume.grid.transfer import Numbers
 from taichi_plume.scenario.gases import PuffGas
 from taichi_plume.solvers.emission import Portions
 from taichi_plume.solvers.handover import Handover
@@ -114,8 +113,7 @@ class PuffSolver(Gas):
             strayed = self.deviation**2 * self.time
             diffusivity = self.species.diffusivity + strayed + self.growth.diffusive
             self.handover = Handover(self, wind.carrier, air, gas.convection, diffusivity)
-        self._n = Numbers("weight")
-        self._n.set(weight=self.species.weight_per_density)
+        self._weight = ti.filled(self.species.weight_per_density)
         self.emitted_kg = 0.0
         self._step = self._released = 0
 
@@ -228,7 +226,7 @@ class PuffSolver(Gas):
 
         g' 4/3 pi R³ = 1/2 C_d pi R² w², with the density excess of all gas at the ball's centre (our choice).
         """
-        excess = self._n.weight[None] * self.concentration(x, t)
+        excess = self._weight[None] * self.concentration(x, t)
         square = ti.static(8.0 / 3.0 * GRAVITY / DRAG) * excess * 2.0 * self.puffs.cells.size(variance)
         return ti.select(square < 0.0, -1.0, 1.0) * ti.sqrt(ti.abs(square))
 

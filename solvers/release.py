@@ -19,7 +19,6 @@ from taichi_plume.engine.fields import Field
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid, block_mean
 from taichi_plume.grid.kernels import Pass, Template
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.heat import Heater
 from taichi_plume.scenario.sources import Source
 from taichi_plume.solvers.transport import Scalar
@@ -127,16 +126,12 @@ class Release:
         self._amounts: list[float] = []
         self.balls = [self._cells_of(f"{name}[{n}]", ball, blurred) for n, ball in enumerate(balls)]
         self.cells = sum(len(where) for where, _ in self.balls)
-        self._cell = ti.vector_field(grid.dim, ti.i32, self.cells)
-        self._share = ti.field(ti.f64, (self.cells,))  # amount per volume of air
-        self._owner = ti.field(ti.i32, self.cells)
-        self._count: Field = ti.field(ti.i32, ())  # of the cells
-        self._amount = ti.field(ti.f64, (len(balls),))
-        owner = np.repeat(np.arange(len(balls)), [len(where) for where, _ in self.balls])
-        where = np.concatenate([np.empty((0, grid.dim)), *(where for where, _ in self.balls)]) + grid.ghost
-        uploader(self._cell, self._owner, self._count)(where, owner, self.cells)
-        self._put_shares = uploader(self._share)
-        self._put_amounts = uploader(self._amount)
+        where = np.concatenate([np.empty((0, grid.dim), int), *(where for where, _ in self.balls)])
+        self._cell = ti.filled_vectors(where + grid.ghost)
+        self._owner = ti.filled(np.repeat(np.arange(len(balls)), [len(where) for where, _ in self.balls]))
+        self._share = ti.field(ti.f64, self.cells)  # amount per volume of air
+        self._count = ti.filled(self.cells)
+        self._amount = ti.field(ti.f64, len(balls))
         self.set_shares([part for _, part in self.balls])
 
     def set_shares(self, shares: Sequence[np.ndarray]) -> None:
@@ -146,7 +141,7 @@ class Release:
             room = self.room[tuple(where.T)] * self.grid.cell_volume
             densities[first : first + len(where)] = share / room
             first += len(where)
-        self._put_shares(densities)
+        self._share.from_numpy(densities)
 
     def _half(self, ball: Source | Heater) -> int:
         """Return how many cells a ball around a cell's centre touches on either side along an axis."""
@@ -205,7 +200,7 @@ class Release:
         """Set the amount (kg or J per heat capacity) that each ball releases in the next `adding` pass."""
         if amounts != self._amounts:
             self._amounts = amounts
-            self._put_amounts(amounts)
+            self._amount.from_numpy(amounts)
 
     def adding(self, scalar: Scalar) -> Pass:
         """Return the pass that adds the release to a scalar (amount per volume) in the cells of the balls."""

@@ -15,8 +15,6 @@ from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
-from taichi_plume.grid.tables import Tables
-from taichi_plume.grid.transfer import Numbers
 from taichi_plume.scenario.screens import Screen
 
 
@@ -53,9 +51,7 @@ class ScreenResistance:
     [m²/s].
     """
 
-    def __init__(
-        self, screen: Screen, grid: Grid, fractions: Sequence[np.ndarray], tables: Tables, viscosity: float
-    ):
+    def __init__(self, screen: Screen, grid: Grid, fractions: Sequence[np.ndarray], viscosity: float):
         self.dim, self.dx = grid.dim, grid.dx
         self.axis = screen.normal
         self.across = [d for d in range(grid.dim) if d != self.axis]
@@ -70,11 +66,10 @@ class ScreenResistance:
         held[self.axis] = share > 0
         self.counts = [int(faces.sum()) for faces in held]
         self.cells = sum(self.counts)
-        self.faces = [tables.listed(np.argwhere(faces)) for faces in held]
-        self.share = tables.listed(share[share > 0])
-        self.n = Numbers("a", "b", "transverse")
-        a, b = screen.losses(viscosity)
-        self.n.set(a=a, b=b, transverse=screen.transverse)
+        self.faces = [ti.filled_vectors(np.argwhere(faces)) for faces in held]
+        self.share = ti.filled(share[share > 0])
+        self.a, self.b = (ti.filled(float(loss)) for loss in screen.losses(viscosity))
+        self.transverse = ti.filled(float(screen.transverse))
 
     @staticmethod
     def _cells(screen: Screen, grid: Grid, first: int, layers: int) -> np.ndarray:
@@ -99,7 +94,7 @@ class ScreenResistance:
     @ti.func
     def apply(self, u: Template, dt):
         A = ti.Vector.unit(self.dim, self.axis, ti.i32)
-        a, b, transverse = self.n.a[None], self.n.b[None], self.n.transverse[None]
+        a, b, transverse = self.a[None], self.b[None], self.transverse[None]
         for n in range(self.counts[self.axis]):
             I = self.faces[self.axis][n]
             h = dt * self.share[n] / self.dx

@@ -19,7 +19,6 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template
-from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.scenario.windows import Region
 from taichi_plume.solvers.openings import Patch
 from taichi_plume.solvers.wall_law import transfer_velocity
@@ -104,7 +103,6 @@ class SurfaceExchange:
         """
         self.grid, self.wind, self.room = grid, wind, air.room
         self.eddies = wind.nu is not None
-        self.n = Numbers("viscosity", "diffusivity")
         self.fastest = 0.0
         self._given = Tally()
         self._touched = [*self._of_walls(walls, air, vents), *self._of_obstacles(obstacles, air)]
@@ -113,10 +111,8 @@ class SurfaceExchange:
             touched[cells] = True
         self._where = np.nonzero(touched)
         self.cells = len(self._where[0])
-        self._cell = ti.vector_field(grid.dim, ti.i32, self.cells)
-        self._stores, self._rate, self._gain = (ti.field(ti.f32, self.cells) for _ in range(3))
-        self._film, self._film_gain, self._sticky = (ti.field(ti.f32, self.cells) for _ in range(3))
-        uploader(self._cell, self._stores)(np.argwhere(touched) + grid.ghost, self.room[self._where])
+        self._cell = ti.filled_vectors(np.argwhere(touched) + grid.ghost)
+        self._stores = ti.filled(self.room[self._where])
         self._set_parameters(surfaces, diffusivity)
 
     def _of_walls(self, walls: Sequence[Region], air: Air, vents: Sequence[Patch]) -> Iterator[Touched]:
@@ -158,10 +154,10 @@ class SurfaceExchange:
         sticky = film[2] / np.maximum(film[0], 1e-30)  # 1/v of the surfaces
         fastest = known[0] + film[0] / (1.0 / max(still, 1e-30) + sticky)
         self.fastest = float(fastest.max())
-        viscosity = self.wind.viscosity if self.eddies else 0.0
-        self.n.set(viscosity=viscosity, diffusivity=diffusivity)
-        uploader(self._rate, self._gain, self._film, self._film_gain, self._sticky)(
-            *(part[self._where] for part in (*known, film[0], film[1], sticky))
+        self.viscosity = ti.filled(self.wind.viscosity if self.eddies else 0.0)
+        self.diffusivity = ti.filled(diffusivity)
+        self._rate, self._gain, self._film, self._film_gain, self._sticky = (
+            ti.filled(part[self._where]) for part in (*known, film[0], film[1], sticky)
         )
 
     def into(self, rate: Template, q: Template) -> Pass:
@@ -174,7 +170,7 @@ class SurfaceExchange:
         for n in range(self._rate.shape[0]):
             I = self._cell[n]
             given = self._gain[n] - self._rate[n] * q[I]
-            still = self._through(self.n.diffusivity[None] / ti.static(0.5 * self.grid.dx), n)
+            still = self._through(self.diffusivity[None] / ti.static(0.5 * self.grid.dx), n)
             v = still
             if ti.static(self.eddies):
                 v = self._through(self._film_velocity(I), n)
@@ -196,8 +192,8 @@ class SurfaceExchange:
         for d in ti.static(range(self.grid.dim)):
             D = ti.Vector.unit(self.grid.dim, d, ti.i32)
             square += 0.25 * (self.wind.u[d][I] + self.wind.u[d][I + D]) ** 2
-        y, nu = ti.static(0.5 * self.grid.dx), self.n.viscosity[None]
-        return transfer_velocity(ti.sqrt(square), y, nu, self.n.diffusivity[None])
+        y, nu = ti.static(0.5 * self.grid.dx), self.viscosity[None]
+        return transfer_velocity(ti.sqrt(square), y, nu, self.diffusivity[None])
 
     def given(self) -> float:
         """Return the total that the surfaces have released into the air so far (q times volume)."""

@@ -16,7 +16,6 @@ from taichi_plume.engine import ti
 from taichi_plume.engine.fields import LANES, Field
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.kernels import Pass, Template
-from taichi_plume.grid.tables import Tables
 from taichi_plume.solvers.extension import REACH, Extension
 from taichi_plume.solvers.momentum import Momentum
 from taichi_plume.solvers.turbulence import damped
@@ -72,7 +71,6 @@ class Surfaces:
         air: Air,
         area: list[np.ndarray],
         fractions: list[np.ndarray],
-        tables: Tables,
     ):
         self.m = momentum
         self.grid = grid = momentum.grid
@@ -99,8 +97,8 @@ class Surfaces:
             normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
             self.faces.append(cell)
             normals.append(normal)
-            per_face = (cell, distance * grid.dx, size[where] / (distance * stored), stored, normal)
-            fields.append([tables.listed(values) for values in per_face])
+            per_face = (distance * grid.dx, size[where] / (distance * stored), stored)
+            fields.append([ti.filled_vectors(cell), *map(ti.filled, per_face), ti.filled_vectors(normal)])
         # distance of the face's middle from the surface [m]; rate: surface area/(distance times stored volume), in
         # cells; stored: volume that stores the momentum of the face, in cells; normal of the surface, out of the air
         self._cell, self._distance, self._rate, self._stored, self._normal = zip(*fields, strict=True)
@@ -112,8 +110,8 @@ class Surfaces:
         if momentum.eddies:
             convex = curvatures(vectors, np.concatenate(self.faces), np.concatenate(normals)) > CONVEX
             parts = np.split(convex, np.cumsum(self._count)[:-1])
-            self._mixing = [tables.listed(np.where(part, MIXING * grid.dx, 0.0)) for part in parts]
-            self._extension = Extension(self, convex, area, tables)
+            self._mixing = [ti.filled(np.where(part, MIXING * grid.dx, 0.0)) for part in parts]
+            self._extension = Extension(self, convex, area)
 
     def slipping(self, convection: list[Pass]) -> list[Pass]:
         """Return `convection` between passes that extend velocities to closed faces and reset them to 0."""

@@ -28,7 +28,6 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template, launch
 from taichi_plume.grid.rng import generator
 from taichi_plume.grid.sweeps import sweep
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.species import AIR_VISCOSITY
 from taichi_plume.scenario.winds import SyntheticWind
 from taichi_plume.solvers.room_mixing import RoomFlow, air_changes, measured_diffusivity
@@ -149,12 +148,10 @@ class SyntheticSolver(Carrier):
     def __init__(self, wind: SyntheticWind, grid: Grid, air: Air, t: float = 0.0, seed: int = 0):
         self.grid, self.dim = grid, grid.dim
         self._air, self._distance = ~air.solid, distances(air.solid)
-        self.u, self.open = grid.faces_field(), grid.faces_field()
+        self.u = grid.faces_field()
         self._before, self._after = grid.faces_field(), grid.faces_field()
-        self.nu = grid.field()
         around = np.pad(self._air, grid.ghost)
-        uploader(*self.open)(*(around & np.roll(around, 1, axis=d) for d in range(grid.dim)))
-        self._put = uploader(*self._after)
+        self.open = tuple(grid.filled(around & np.roll(around, 1, axis=d)) for d in range(grid.dim))
         self._build_blending()
         self._draw_flow(wind, seed)
         self._begun = t
@@ -180,20 +177,13 @@ class SyntheticSolver(Carrier):
         inner = np.tanh(self._distance / layer)[(slice(1, -1),) * self.dim]
         nu = np.maximum(self._strength * self._waves.eddies * inner, self.viscosity)
         self.max_viscosity = float(nu.max())
-        uploader(self.nu)(self.grid.pad(nu))
+        self.nu = self.grid.filled(self.grid.pad(nu))
         self._largest = {m: self._roll(m, circulation / np.sqrt(len(axes))) for m in axes}
         self._rolls = {m: largest * self._waves_of_roll(m) for m, largest in self._largest.items()}
         self._turn = dict(zip(axes, self._rng.standard_normal(len(axes)), strict=True))
         fastest = max(2 * np.pi / model.circulation_time, float(self._waves.frequency.max()))
         self.interval = 2 * np.pi / fastest / FRAMES_PER_PERIOD
         self._memory = np.exp(-self.interval / model.circulation_time)
-
-    @ti.kernel
-    def _shift_frames(self):
-        """Copy the velocities of the later key frame to the earlier key frame."""
-        for d in ti.static(range(self.dim)):
-            for I in ti.grouped(ti.ndrange(*self._after[d].shape)):
-                self._before[d][I] = self._after[d][I]
 
     def _build_blending(self) -> None:
         """Make the pass that interpolates u between the two key frames, ghost layers included."""
@@ -236,8 +226,9 @@ class SyntheticSolver(Carrier):
         waves = self._waves.at(self._waves.frequency * t)
         potential = {m: self._strength * a + self._turn[m] * self._rolls[m] for m, a in waves.items()}
         velocity = self._velocity(potential)
-        self._shift_frames()
-        self._put(*(self.grid.pad_faces(u, d) for d, u in enumerate(velocity)))
+        for d, u in enumerate(velocity):
+            self._before[d].copy_from(self._after[d])
+            self._after[d].from_numpy(self.grid.pad_faces(u, d))
         self._outflow = [self._outflow[1], self.grid.largest_outflow(velocity)]
 
     def advance(self, t: float, dt: float) -> None:

@@ -8,7 +8,6 @@ import numpy as np
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import LANES, on_cpu
 from taichi_plume.grid.kernels import Pass
-from taichi_plume.grid.transfer import reader
 from taichi_plume.solvers.convection import greater, lesser
 from taichi_plume.solvers.momentum import Momentum
 
@@ -58,7 +57,6 @@ class Limits:
         self.grid, self.dim = momentum.grid, momentum.dim
         self._rows = tuple(reversed(self.grid.cells[1:]))
         self._found = ti.field(ti.f32, 5)
-        self._read = reader(self._found)
         # Maxima of every 8th cell of a row, on a CPU: LLVM does not vectorise a maximum along a row.
         self._width = LANES if on_cpu() else 1
 
@@ -115,7 +113,7 @@ class Limits:
 
     def read(self) -> tuple[float, ...]:
         """Return the maxima: sum of |u|/dx [1/s], outflow/dx [1/s], |u| [m/s], viscosity [m²/s] and rate [1/s]."""
-        speed_sum, out, speed, viscosity, rate = (float(value) for value in self._read()[0])
+        speed_sum, out, speed, viscosity, rate = (float(value) for value in self._found.values)
         return speed_sum / self.grid.dx, out / self.grid.dx, speed, viscosity, rate
 
     @ti.kernel

@@ -9,7 +9,7 @@ conserved for any number of steps and for changes of any size.
 """
 
 from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from functools import partial
 from math import ceil
 from typing import cast
 
@@ -22,7 +22,6 @@ from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template, launch
 from taichi_plume.grid.sweeps import flux_sweep, sweep
-from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.solvers.convection import Limited
 from taichi_plume.solvers.openings import Patch
 from taichi_plume.solvers.surface_exchange import BETWEEN, FIRST, LAST, SurfaceExchange, Tally
@@ -96,16 +95,13 @@ class Transport:
         self.cut = wind.area is not None
         self.room: Field = None  # air fraction of each cell, which stores q
         if self.cut:
-            self.room = grid.field()
-            uploader(self.room)(grid.pad(air.room))
+            self.room = grid.filled(grid.pad(air.room))
         # a flow solver provides fields that are unused during transport
         self._start, self.rate = wind.scratch or (grid.field(), grid.field())
         self._outflow = Tally()
         self._inflow = Tally() if has_inflow else None
         self._sides = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
         self.inflow = tuple(ti.field(ti.f32, side) for side in self._sides) if has_inflow else ()
-        self._put_inflow = uploader(*self.inflow)
-        self._n = Numbers("still", "per_schmidt")
         self._set_diffusivity(diffusivity, schmidt)
         self._face_value, self._steepest = scheme
         cells = grid.cells
@@ -133,31 +129,29 @@ class Transport:
         per_schmidt = np.float32(1.0 / float(np.float32(schmidt)))
         viscosity = np.float32(self.wind.viscosity if self.eddies else 0.0)
         still = np.float32(diffusivity) - viscosity * per_schmidt  # with nu_t/Sc_t = (nu - viscosity)/Sc_t
-        self._n.set(still=float(still), per_schmidt=float(per_schmidt))
+        self._still, self._per_schmidt = ti.filled(still), ti.filled(per_schmidt)
 
     def set_inflow(self, openings: Sequence[tuple[Patch, float]]) -> None:
         """Set q of the air that enters through openings (inlet, Dirichlet condition); elsewhere inflow has q = 0."""
         values = [np.zeros(side) for side in self._sides]
         for patch, q in openings:
             np.moveaxis(values[patch.axis], patch.axis, 0)[patch.side][patch.covered] = q
-        self._put_inflow(*values)
+        for field, side in zip(self.inflow, values, strict=True):
+            field.from_numpy(side)
 
     def start_from(self, function: Callable[[np.ndarray], np.ndarray]) -> None:
         """Set q from a function of points (..., dim) [m], without rounding errors."""
-        self._put(self.grid.pad(function(self.grid.centers())), 0.0)
-
-    @cached_property
-    def _put(self) -> Callable[..., None]:
-        return uploader(self.q, self.rest)
+        self.q.from_numpy(self.grid.pad(function(self.grid.centers())))
+        self.rest.fill(0.0)
 
     # ---------------------------------------------------------------- the scheme
 
     @ti.func
     def _diffusivity(self, I, D):
         """Return the diffusivity K + nu_t/Sc_t [m²/s] on the lower face of cell I along the unit vector D."""
-        K = self._n.still[None]
+        K = self._still[None]
         if ti.static(self.eddies):
-            K += 0.5 * self._n.per_schmidt[None] * (self.wind.nu[I] + self.wind.nu[I - D])
+            K += 0.5 * self._per_schmidt[None] * (self.wind.nu[I] + self.wind.nu[I - D])
         return K
 
     @ti.func

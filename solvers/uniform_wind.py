@@ -7,7 +7,6 @@ from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import generator
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.winds import UniformWind
 from taichi_plume.solvers.gusts import OrnsteinUhlenbeck
 
@@ -33,8 +32,7 @@ class UniformSolver(Carrier):
         self.grid = grid
         self.dim = grid.dim
         self.u = grid.faces_field()
-        self.open = grid.faces_field()
-        uploader(*self.open)(*(1.0 for _ in self.open))
+        self.open = tuple(grid.filled(np.ones(grid.padded)) for _ in self.u)
         self.now = ti.vector_field(grid.dim, ti.f32, ())
         self.gusts: OrnsteinUhlenbeck | None = None
         if wind.gusts is None:

@@ -7,7 +7,6 @@ import numpy as np
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import on_cpu
 from taichi_plume.grid.kernels import FEW_CELLS, STRIP, Template
-from taichi_plume.grid.tables import Tables
 from taichi_plume.solvers.poisson import OpenFractions
 
 OMEGA = 0.8  # damping of the Jacobi sweeps
@@ -19,10 +18,10 @@ class VCycle:
     the dense inverse on the coarsest level.
 
     All levels are stored in flat arrays one after the other, so every kernel is compiled only once. A thread computes
-    one piece of a level: a row of cells on a CPU, a cell on a GPU. The caller uploads `tables` before the first cycle.
+    one piece of a level: a row of cells on a CPU, a cell on a GPU.
     """
 
-    def __init__(self, fractions: OpenFractions, tables: Tables):
+    def __init__(self, fractions: OpenFractions):
         levels = [fractions]
         while np.prod(levels[-1].shape) > COARSEST and max(levels[-1].shape) > 2:
             levels.append(levels[-1].coarser())
@@ -38,22 +37,19 @@ class VCycle:
             for begin, shape, factor in zip(begins[:-1], self.shapes, merged, strict=True)
         ]
         # begin, cells per axis, cells merged per axis
-        self.layout = tables.put(ti.field(ti.i32, (len(levels), 7)), np.array(layout))
+        self.layout = ti.filled(layout)
         total = int(begins[-1])
         self.a = [
-            tables.put(
-                ti.field(ti.f32, total), np.concatenate([level.a[d].ravel(order="F") for level in levels])
-            )
-            for d in range(3)
+            ti.filled(np.concatenate([level.a[d].ravel(order="F") for level in levels])) for d in range(3)
         ]
         damped = np.concatenate([self._damped(level).ravel(order="F") for level in levels])
-        self.damped = tables.put(ti.field(ti.f32, total), damped)
+        self.damped = ti.filled(damped)
         self.x, self.t, self.b = (ti.field(ti.f32, total) for _ in range(3))
         self.pieces = [n[1] * n[2] if self.strips else prod(n) for n in self.shapes]
         single = FEW_CELLS if on_cpu() else 0  # levels up to this size are solved in a single thread
         last = len(levels) - 1
         self.threaded = next(k for k, n in enumerate(self.shapes) if prod(n) <= single or k == last)
-        self._invert_coarsest(levels[-1], int(begins[-2]), tables)
+        self._invert_coarsest(levels[-1], int(begins[-2]))
 
     @staticmethod
     def _damped(level: OpenFractions) -> np.ndarray:
@@ -62,14 +58,14 @@ class VCycle:
         diagonal = sum(a[inner] + np.roll(a, -1, axis=d)[inner] for d, a in enumerate(level.a))
         return np.pad(np.where(diagonal > 1e-6, OMEGA / np.maximum(diagonal, 1e-6), 0.0), 1)
 
-    def _invert_coarsest(self, level: OpenFractions, begin: int, tables: Tables) -> None:
+    def _invert_coarsest(self, level: OpenFractions, begin: int) -> None:
         """Store the dense inverse of the coarsest level, and the indices of its cells in the flat arrays."""
         matrix = level.matrix().toarray()
         inverse = np.linalg.pinv(matrix, rcond=1e-6, hermitian=True)
-        self.inverse = tables.put(ti.field(ti.f32, matrix.shape), inverse)
+        self.inverse = ti.filled(inverse)
         padded = [n + 2 for n in level.shape]
         place = begin + np.arange(prod(padded)).reshape(padded, order="F")[1:-1, 1:-1, 1:-1]
-        self.place = tables.put(ti.field(ti.i32, matrix.shape[0]), place.ravel(order="F"))
+        self.place = ti.filled(place.ravel(order="F"))
         self.dense_b = ti.field(ti.f32, matrix.shape[0])
 
     # ---- a row of cells: where it starts and where its neighbours' rows start

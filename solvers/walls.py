@@ -6,8 +6,7 @@ the wall is chosen such that this slope gives the wall stress of the law. If the
 changes.
 """
 
-from collections.abc import Callable
-from functools import cached_property, partial
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -20,7 +19,6 @@ from taichi_plume.grid.geometry_cache import geometry_cached
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template
 from taichi_plume.grid.sweeps import sweep
-from taichi_plume.grid.transfer import reader
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.momentum import Momentum
 from taichi_plume.solvers.wall_law import near_surface, y_plus
@@ -97,16 +95,12 @@ class Walls:
         straight = straightness(bend)
         return ti.Vector([bend, viscosity / (straight + (1.0 - straight) * bend)])
 
-    @cached_property
-    def _read_targets(self) -> Callable[[], list[np.ndarray]]:
-        return reader(*self.b.target)
-
     def y_plus(self, u: list[np.ndarray]) -> np.ndarray:
         """Return y+ in the middles of the cells of air at the walls, (count,), by the law of the wall.
 
         u: face velocities per axis [m/s], padded arrays.
         """
-        inner, targets = self.grid.cells, self._read_targets()
+        inner, targets = self.grid.cells, [target.values for target in self.b.target]
         middle = [0.5 * (v + np.roll(v, -1, axis=c)) for c, v in enumerate(u)]
         found = [np.empty(0)]
         for d in range(self.dim):

@@ -38,7 +38,6 @@ import numpy as np
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import exp, log
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.metal_oxides import MOX_MODELS
 from taichi_plume.scoring.trials import SETTLED
 from taichi_plume.validation.case import Keys
@@ -116,8 +115,7 @@ class Outputs:
 
     def __init__(self, sensors: Any, swarm: Any, output: np.ndarray):
         self.sensors, self.swarm, self.count = sensors, swarm, swarm.count
-        self.output, self.ppm = ti.field(ti.i32, self.count), ti.field(ti.f32, self.count)
-        uploader(self.output)(output)
+        self.output, self.ppm = ti.filled(output, ti.i32), ti.field(ti.f32, self.count)
 
     def measure(self, gas: Any, wind: Any, tick: int, t: float) -> None:
         """Update all readings from gas and wind at time t [s]."""

@@ -12,7 +12,6 @@ import numpy as np
 from taichi_plume.engine import ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.bodies import GRAVITY, Body
 from taichi_plume.scenario.species import AIR_DENSITY
 from taichi_plume.solvers.downwash import Downwash
@@ -35,11 +34,9 @@ def _hover(n: int, faces: list[dict], place: tuple[float, float], altitude: floa
     """Return the flow of a hovering rotor at `place` and `altitude` [radii], n cells per radius."""
     wind = cfd(faces)
     grid = Grid((WIDTH * n, WIDTH * n, HEIGHT * n), RADIUS / n, periodic=periodic_axes(wind.openings, 3))
-    at, push = ti.vector_field(2, ti.f32, 1), ti.vector_field(3, ti.f32, 1)
-    heading, height = ti.field(ti.f32, 1), ti.field(ti.f32, 1)
     body = Body(kind="drone", mass=MASS, rotors=1, rotor_radius=RADIUS, arm=0.0, height=0.001, radius=RADIUS)
-    uploader(at, height)([np.array(place) * RADIUS], altitude * RADIUS - body.height)
-    flight = at, heading, height, push
+    at, height = np.array([place]) * RADIUS, [altitude * RADIUS - body.height]
+    flight = ti.filled_vectors(at), ti.field(ti.f32, 1), ti.filled(height), ti.vector_field(3, ti.f32, 1)
     return FlowSolver(
         wind, grid, Air.everywhere(grid), resistances=[lambda open: Downwash(body, grid, *flight, 0, 1, open)]
     )

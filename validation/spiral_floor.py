@@ -15,7 +15,6 @@ import numpy as np
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.engine import ti
 from taichi_plume.grid.rng import normal4, stream_id
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scoring.trials import mean_with_interval
 from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Lines, Mean, Results
@@ -44,8 +43,7 @@ class NoisyIndex:
 
     def __init__(self, swarm: Any, spread: np.ndarray):
         self.swarm, self.count = swarm, swarm.count
-        self.spread = ti.field(ti.f32, self.count)
-        uploader(self.spread)(spread)
+        self.spread = ti.filled(spread)
 
     def measure(self, gas: Any, wind: Any, tick: int, t: float) -> None:
         """Set the readings of all robots to noisy indices at their positions."""

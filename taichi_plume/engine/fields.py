@@ -134,6 +134,28 @@ def field(dtype: Any, shape: int | Sequence[int] = (), order: str | None = None)
     return ArrayField(dtype, Layout(shape, order is not None and order != "".join(sorted(order))))
 
 
+def filled(values: Any, dtype: Any = None) -> Field:
+    """Return a new field of these numbers, by default of i32 for whole numbers and flags, of f32 for others. An empty
+    list becomes a single zero, as a device has no memory of length 0.
+    """
+    return _filled(np.asarray(values), dtype, 0)
+
+
+def filled_vectors(rows: Any, dtype: Any = None) -> Field:
+    """Return a new field of vectors, the last axis of `rows`; types and empty lists as for `filled`."""
+    rows = np.asarray(rows)
+    return _filled(rows, dtype, rows.shape[-1])
+
+
+def _filled(values: np.ndarray, dtype: Any, n: int) -> Field:
+    if values.ndim > 0 and len(values) == 0:
+        values = np.zeros((1, *values.shape[1:]), values.dtype)
+    dtype = dtype or (taichi.i32 if values.dtype.kind in "biu" else taichi.f32)
+    result = ArrayField(dtype, Layout(values.shape[:-1] if n else values.shape), n)
+    result.from_numpy(values)
+    return result
+
+
 def vector_field(n: int, dtype: Any, shape: int | Sequence[int] = (), order: str | None = None) -> Field:
     """Return a new field of vectors of n numbers."""
     shape = (shape,) if isinstance(shape, int | np.integer) else tuple(shape)

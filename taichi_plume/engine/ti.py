@@ -7,7 +7,7 @@ from taichi import *  # noqa: F403  # pyright: ignore[reportAssignmentType]
 from taichi import _lib, func, math, types  # noqa: F401
 
 from taichi_plume.engine.cells import along, load_numbers, row  # noqa: F401
-from taichi_plume.engine.fields import field, vector_field  # noqa: F401
+from taichi_plume.engine.fields import field, filled, filled_vectors, vector_field  # noqa: F401
 from taichi_plume.engine.kernels import kernel  # noqa: F401
 from taichi_plume.engine.replacements import static  # noqa: F401
 

@@ -4,6 +4,7 @@ Environments are independent: each thread advances a strip of environments throu
 """
 
 from contextlib import nullcontext
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +15,6 @@ from taichi_plume.engine import ti
 from taichi_plume.engine.fields import on_cpu
 from taichi_plume.engine.kernels import data_flow_by_llvm
 from taichi_plume.grid.kernels import Template
-from taichi_plume.grid.transfer import Numbers, uploader
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.starts import GAP, StartArea
 from taichi_plume.solvers.film_bank import FilmBank
@@ -72,7 +72,7 @@ class StepKernel:
         self.total = ti.field(ti.f32, of.count)
         # of each robot at the last reward: path length, bumps, false declarations, distance from the nearest source
         self.counted = ti.vector_field(4, ti.f32, of.count * of.robots)
-        self.fallback = ti.vector_field(2, ti.f32, (self.teams, of.robots))
+        self.fallback = ti.filled_vectors(starts.fallback, ti.f32)
         task = of.scenario.task
         rewards = {f"for_{name}": value for name, value in task.reward.model_dump().items()}
         numbers = {
@@ -84,11 +84,8 @@ class StepKernel:
             "mirrors": 0.5 if task.mirror else 0.0,
             "units": float(task.units),
         }
-        self.n = Numbers(*numbers)
-        self.n.set(**numbers)
+        self.n = SimpleNamespace(**{name: ti.filled(float(value)) for name, value in numbers.items()})
         self._list_sources(bank, task.sources == "one")
-        self._seed = uploader(self.trials.seed)
-        uploader(self.fallback)(starts.fallback)
 
     def _list_sources(self, bank: "Bank", single: bool) -> None:
         """Fill place[film, s] [m] and gas[film, s] of the sources, and `choice`, the gases that an episode may have."""
@@ -101,14 +98,13 @@ class StepKernel:
                 of_gas[f, : sum(counts)] = np.repeat(np.arange(len(film)), counts)
         choices = np.unique(of_gas[of_gas >= 0]) if single and (of_gas >= 0).any() else np.array([-1])
         self.choices = len(choices)
-        self.place = ti.vector_field(2, ti.f32, (bank.films, most))
-        self.gas, self.choice = ti.field(ti.i32, (bank.films, most)), ti.field(ti.i32, self.choices)
-        uploader(self.place, self.gas, self.choice)(places, of_gas, choices)
+        self.place = ti.filled_vectors(places)
+        self.gas, self.choice = ti.filled(of_gas), ti.filled(choices)
 
     def sow(self, seeds: np.ndarray) -> None:
         """Set the 64-bit seed of each environment."""
         low = (seeds & np.uint64(0xFFFFFFFF)).astype(np.uint32)
-        self._seed(np.stack([low, (seeds >> np.uint64(32)).astype(np.uint32)], axis=1))
+        self.trials.seed.from_numpy(np.stack([low, (seeds >> np.uint64(32)).astype(np.uint32)], axis=1))
 
     def run(self, side: int, flags: "Array", actions: "Array", table: "Array", outcomes: "Array") -> None:
         """Execute the tasks flags[0] of all environments. side: half of `table` to which observations are written."""

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichi_plume.agents.trials import FAR
-from taichi_plume.grid.transfer import reader
 
 if TYPE_CHECKING:
     from taichi_plume.envs.episodes import Array, Episodes
@@ -29,18 +28,18 @@ class Truth:
     def __init__(self, of: "Episodes"):
         swarm = of.swarm
         assert swarm.episodes is not None
-        fields = (
+        self._fields = (
             swarm.position,
             swarm.heading,
             of.sensors.noses[0].true_ppm,
             swarm.episodes.sources,
             of.kernel.mirror,
         )
-        self._read, self._robots = reader(*fields), of.robots
+        self._robots = of.robots
 
     def read(self) -> "dict[str, Array]":
         """Return the present truth by key, as NumPy arrays of float32."""
-        positions, headings, ppm, sources, mirrored = self._read()
+        positions, headings, ppm, sources, mirrored = (field.to_numpy() for field in self._fields)
         trial = np.arange(len(positions)) // self._robots
         apart = sources[trial] - positions[:, None]  # (n, sources, 2)
         squares = (apart**2).sum(axis=2)

@@ -122,7 +122,6 @@ def readings(
     from taichi_plume.agents.swarm import Swarm
     from taichi_plume.engine import program, ti
     from taichi_plume.fluctuations.still_air import Floor, Records
-    from taichi_plume.grid.transfer import reader, uploader
     from taichi_plume.scenario.algorithms import Casting
     from taichi_plume.scenario.robots import Group
     from taichi_plume.scenario.sensors import Sensors
@@ -147,11 +146,10 @@ def readings(
     species: Any = (_Gas(gas),)
     measuring = Measuring(swarm, 2, step, species)
     air: Any = Records(ti.field(ti.f32, points), species)
-    put, read = uploader(air.level), reader(swarm.reading)
     for n, values in enumerate(ppm):
-        put(values)
+        air.level.from_numpy(values)
         measuring.measure(air, air, n + 1, (n + 1) * step)
-        yield read()[0][: len(places)].reshape(len(groups), points)
+        yield swarm.reading.to_numpy()[: len(places)].reshape(len(groups), points)
 
 
 def compare_sensors(

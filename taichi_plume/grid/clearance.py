@@ -11,7 +11,6 @@ from taichi_plume.engine import ti
 from taichi_plume.grid.fields import corner
 from taichi_plume.grid.geometry_cache import geometry_cached
 from taichi_plume.grid.shapes import Shape, clearance_resolution
-from taichi_plume.grid.transfer import uploader
 
 if TYPE_CHECKING:
     from taichi_plume.grid.layers import Layers
@@ -60,8 +59,7 @@ class HorizontalDistances:
         across, along = (max(2, ceil(length / self.resolution - 1e-9) + 1) for length in size)
         self.nodes = across, along
         self._values = _lower_bounds(shapes, self.low, self.nodes, self.resolution, ranges)
-        self.values = ti.field(ti.f32, self._values.shape)
-        uploader(self.values)(self._values)
+        self.values = ti.filled(self._values)
 
     @ti.func
     def distance(self, p, k=0):

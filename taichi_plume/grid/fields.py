@@ -199,8 +199,7 @@ class Mixture:
         self.gases = tuple(gases)
         self.species = tuple(dict.fromkeys(gas.species for gas in gases))
         self._which = tuple(self.species.index(gas.species) for gas in gases)
-        self._ppm_per_density = ti.field(ti.f32, max(1, len(gases)))
-        self._ppm_per_density.from_numpy(np.array([gas.species.ppm_per_density for gas in gases] or [0.0]))
+        self._ppm_per_density = ti.filled([gas.species.ppm_per_density for gas in gases])
 
     def advance(self, t: float, dt: float) -> None:
         """Advance all gases from time t to t + dt [s]."""

@@ -104,6 +104,12 @@ class Grid:
         """Return a new scalar field over the padded grid (or `shape`), axis 0 contiguous."""
         return ArrayField(dtype, self.layout(shape or self.padded))
 
+    def filled(self, values: np.ndarray) -> Field:
+        """Return a new scalar field with these values, axis 0 contiguous."""
+        field = self.field(values.shape)
+        field.from_numpy(values)
+        return field
+
     def vector_field(self, shape: tuple[int, ...]) -> Field:
         """Return a new field of vectors (dim,) over `shape`, with the memory layout of `field`."""
         return ArrayField(ti.f32, self.layout(shape), self.dim)

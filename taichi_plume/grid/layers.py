@@ -8,7 +8,6 @@ import numpy as np
 from taichi_plume.engine import ti
 from taichi_plume.grid.clearance import ClearanceMap, HorizontalDistances
 from taichi_plume.grid.shapes import Shape, Upright, clearance_resolution
-from taichi_plume.grid.transfer import uploader
 
 MOST_LAYERS = 64
 MOST_NODES = 4_000_000
@@ -38,8 +37,7 @@ class Layers(HorizontalDistances):
             for bottom, top in zip(self._levels, tops, strict=True)
         ]
         super().__init__(shapes, floor.low, floor.high, resolution, ranges)
-        self.levels: Any = ti.field(ti.f32, self.count)
-        uploader(self.levels)(self._levels)
+        self.levels: Any = ti.filled(self._levels)
 
     @ti.func
     def index(self, z):

@@ -15,7 +15,6 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import corner, corner_weight
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
-from taichi_plume.grid.transfer import uploader
 
 FINER = 2  # nodes per cell and axis
 BOUNCES = 3  # reflections off surfaces in a step
@@ -72,8 +71,7 @@ class LevelSet:
         self.dim = grid.dim
         self.step = grid.dx / FINER
         self.values = signed_distance(air, grid)
-        self.field: Field = grid.field(self.values.shape)
-        uploader(self.field)(self.values)
+        self.field: Field = grid.filled(self.values)
 
     def in_air(self, x: np.ndarray) -> np.ndarray:
         """Return a mask of the points x (n, dim) [m] that lie in the air."""

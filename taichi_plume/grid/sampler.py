@@ -8,7 +8,6 @@ from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 from taichi_plume.grid.fields import Mixture, Wind, sample_cells
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.transfer import uploader
 
 
 class Sampler:
@@ -31,8 +30,7 @@ class Sampler:
         self.points = np.ascontiguousarray(points, np.float32)
         self.species = len(gas.species)
         self.width = self.dim + self.species + len(self.cells)
-        self.air = grid.field()
-        uploader(self.air)(grid.pad(~solid))
+        self.air = grid.filled(grid.pad(~solid))
 
     def sample(self, t: float) -> np.ndarray:
         """Return the values at time t [s], (width, n): wind components, species, then cell fields."""

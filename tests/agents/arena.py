@@ -10,7 +10,6 @@ from taichi_plume.agents.team import teams
 from taichi_plume.engine import ti
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.state import State
-from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario.species import SPECIES
 
 TICK = 0.1
@@ -25,12 +24,12 @@ class Script:
     def __init__(self, ppm, every):
         self.table = ti.field(ti.f32, LONGEST)
         self.every = ti.field(ti.f32, ())
-        self._put = uploader(self.table, self.every)
         self.tell(ppm, every)
 
     def tell(self, ppm, every):
         """Another script."""
-        self._put(np.pad(np.asarray(ppm, float), (0, LONGEST - len(ppm)), mode="edge"), every)
+        self.table.from_numpy(np.pad(np.asarray(ppm, float), (0, LONGEST - len(ppm)), mode="edge"))
+        self.every[None] = every
 
     @ti.func
     def ppm(self, x, t):
@@ -93,7 +92,6 @@ class Run:
         self.sensors = Sensors(self.swarm, 2, TICK, self.gas.species)
         self.teams = teams(self.swarm, TICK)
         self.tick = 0
-        self._look = reader(self.swarm.state, self.swarm.position)
 
     def of(self, rival):
         """The part of an array over the robots that is a rival's."""
@@ -113,9 +111,8 @@ class Run:
         states, places = [], []
         for _ in range(round(seconds / TICK)):
             self.step()
-            state, position = self._look()
-            states.append(state)
-            places.append(position)
+            states.append(self.swarm.state.to_numpy())
+            places.append(self.swarm.position.to_numpy())
         return np.array(states), np.array(places)
 
     def saved(self):

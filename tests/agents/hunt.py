@@ -6,7 +6,6 @@ from arena import Run
 from robots import AWAY, Arena
 
 from taichi_plume.engine import ti
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.species import SPECIES
 
 SOURCE = (0.5, 1.5)
@@ -23,7 +22,9 @@ class Plume:
     def __init__(self):
         self.peak, self.wind = ti.field(ti.f32, ()), ti.field(ti.f32, ())
         self.shape = ti.field(ti.i32, ())
-        self.set = uploader(self.peak, self.wind, self.shape)
+
+    def set(self, peak, wind, shape):
+        self.peak[None], self.wind[None], self.shape[None] = peak, wind, shape
 
     @ti.func
     def ppm(self, x, t):

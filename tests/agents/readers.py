@@ -4,7 +4,6 @@ import numpy as np
 
 from taichi_plume.agents.gas_map import Floor
 from taichi_plume.engine import ti
-from taichi_plume.grid.transfer import uploader
 
 EXTENT = (2.0, 1.5)
 TRIALS, COUNT = 2, 3
@@ -21,13 +20,10 @@ class Readers:
         self.reading = ti.field(ti.f32, n)
         self.wind = ti.vector_field(2, ti.f32, n)
         self.wind_known = ti.field(ti.i32, n)
-        self.members = ti.field(ti.i32, (trials, count + 1))
         self.team_size = ti.field(ti.i32, trials)
-        self._put = uploader(
-            self.believed_position, self.reading, self.wind, self.wind_known, self.members, self.team_size
-        )
-        self.robots = np.full((trials, count + 1), -1)
-        self.robots[:, :count] = np.arange(n).reshape(trials, count)
+        robots = np.full((trials, count + 1), -1)
+        robots[:, :count] = np.arange(n).reshape(trials, count)
+        self.members = ti.filled(robots)
         self.trial = np.arange(n) // count
 
     def begin(self, seed, extent=EXTENT):
@@ -46,7 +42,11 @@ class Readers:
         self._tell()
 
     def _tell(self):
-        self._put(self.believed, self.readings, self.felt, self.known, self.robots, self.sizes)
+        self.believed_position.from_numpy(self.believed)
+        self.reading.from_numpy(self.readings)
+        self.wind.from_numpy(self.felt)
+        self.wind_known.from_numpy(self.known)
+        self.team_size.from_numpy(self.sizes)
 
     def wander(self):
         """Go on and read something."""

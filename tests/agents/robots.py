@@ -6,7 +6,6 @@ from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.engine import ti
 from taichi_plume.grid.fields import Wind
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.species import SPECIES
 
@@ -65,12 +64,12 @@ class Arena:
     def __init__(self):
         self.disc = ti.field(ti.f32, 3)  # x, y, radius
         self.plate = ti.field(ti.f32, 4)  # x, y, half width, half length
-        self._put = uploader(self.disc, self.plate)
         self.set()
 
     def set(self, disc=AWAY[0], plate=AWAY[1]):
         self.shapes = np.array(disc, np.float32).astype(float), np.array(plate, np.float32).astype(float)
-        self._put(*self.shapes)
+        self.disc.from_numpy(self.shapes[0])
+        self.plate.from_numpy(self.shapes[1])
 
     @ti.func
     def nearest(self, p):
@@ -156,7 +155,8 @@ class Driver:
         self.tick = 0
 
     def command(self, speed, turn_rate):
-        uploader(self.swarm.speed_command, self.swarm.turn_rate_command)(speed, turn_rate)
+        self.swarm.speed_command.from_numpy(speed)
+        self.swarm.turn_rate_command.from_numpy(turn_rate)
 
     def move(self, ticks=1, dt=0.1):
         for _ in range(ticks):

@@ -6,7 +6,6 @@ from arena import LONGEST, TICK, Run, Script
 
 from taichi_plume.agents.dapso import DRIVE, EXPLORE, MEASURE, constriction
 from taichi_plume.engine import ti
-from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario.robots import Communication
 from taichi_plume.scenario.team_algorithms import Dapso, FunctionValue, RandomMates, SearchSpace
 
@@ -103,11 +102,11 @@ def of(run, name):
 def way_points(run, seconds):
     """Those of each update, per robot, with where the robot stood: (updates, 2, 2)."""
     seen = [[] for _ in range(run.swarm.count)]
-    look = reader(run.swarm.state, run.swarm.position, run.algorithm.way_point)
-    before, places, _ = look()
+    fields = run.swarm.state, run.swarm.position, run.algorithm.way_point
+    before, places, _ = (field.to_numpy() for field in fields)
     for _ in range(round(seconds / TICK)):
         run.step()
-        now, moved, goals = look()
+        now, moved, goals = (field.to_numpy() for field in fields)
         for n in np.flatnonzero((before == MEASURE) & (now == DRIVE)):
             seen[n].append((places[n], goals[n]))
         before, places = now, moved
@@ -180,12 +179,10 @@ def test_each_update_takes_its_measurement(rivals):
 def cooperation(run, seconds):
     """Whether each robot ever went for a place that was not its own best."""
     differs = np.zeros(run.swarm.count, bool)
-    look = reader(run.algorithm.goal, run.algorithm.best_place)
     for tick in range(round(seconds / TICK)):
         run.step()
         if tick % 5 == 4:
-            goal, best = look()
-            differs |= (goal != best).any(axis=1)
+            differs |= (run.algorithm.goal.values != run.algorithm.best_place.values).any(axis=1)
     return differs
 
 
@@ -207,8 +204,9 @@ def test_neighbourhoods(rivals):
     algorithm, count = rivals.algorithm, rivals.swarm.count
     times = [-1.0, 1.0, 1.0, 1.0, 1.0]
     radio = algorithm.radio
-    put = uploader(radio.value, radio.sender, radio.time, algorithm.best)
-    put(*(np.tile(np.array(row), (count,) + (1,) * np.ndim(row)) for row in (reported, senders, times, 10.0)))
+    for field, row in ((radio.value, reported), (radio.sender, senders), (radio.time, times)):
+        field.from_numpy(np.tile(np.array(row), (count,) + (1,) * np.ndim(row)))
+    algorithm.best.fill(10.0)
     result = ti.field(ti.i32, (count, 5))
 
     @ti.kernel
@@ -242,11 +240,11 @@ def test_after_short_steps_it_starts_anew_anywhere(rivals):
     """Steps shrink to a tenth each time: the third way point is a random one, in all of the floor."""
     begin(rivals, [1.0], 1.0)
     all_of_them, trials = of(rivals, "restarts"), 100
-    look = reader(rivals.swarm.acquisitions, rivals.algorithm.way_point, rivals.algorithm.step)
+    fields = rivals.swarm.acquisitions, rivals.algorithm.way_point, rivals.algorithm.step
     restarts = np.full((trials, 2), np.nan)
     for _ in range(100):
         rivals.step()
-        acquisitions, way_point, step = (values[all_of_them] for values in look())
+        acquisitions, way_point, step = (field.to_numpy()[all_of_them] for field in fields)
         new = (acquisitions == 3) & np.isnan(restarts[:, 0])
         restarts[new] = way_point[new]
         assert (np.linalg.norm(step, axis=1)[acquisitions < 3] <= 0.5).all()

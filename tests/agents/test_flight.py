@@ -10,7 +10,6 @@ from taichi_plume.agents.collisions import SKIN
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.layers import MOST_LAYERS, Layers, levels
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Box, Cylinder, Sphere
 from taichi_plume.scenario.shapes import shape
@@ -66,8 +65,12 @@ class Flight(Driver):
     def command_all(self, speed, turn, left, climb, goals, headings):
         """Command each drone, and the robot of the floor."""
         swarm = self.swarm
-        commands = swarm.speed_command, swarm.turn_rate_command, swarm.left_command, swarm.climb_command
-        uploader(*commands, swarm.goal, swarm.goal_heading)(speed, turn, left, climb, goals, headings)
+        swarm.speed_command.from_numpy(speed)
+        swarm.turn_rate_command.from_numpy(turn)
+        swarm.left_command.from_numpy(left)
+        swarm.climb_command.from_numpy(climb)
+        swarm.goal.from_numpy(goals)
+        swarm.goal_heading.from_numpy(headings)
 
     def at(self, n=0):
         now = self.swarm.snapshot()

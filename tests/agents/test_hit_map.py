@@ -10,7 +10,6 @@ from taichi_plume.engine import ti
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import uniform4
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.belief_algorithms import HitMap
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Box
@@ -251,7 +250,7 @@ def test_a_search_that_is_over_learns_no_more(empty):
     before, belief = run.swarm.snapshot(), empty.algorithm.beliefs()
     assert before["acquisitions"] == 1
     assert belief.max() > belief.min()
-    uploader(run.swarm.declarations)(1)
+    run.swarm.declarations.fill(1)
     run.go(4.0)
     assert run.swarm.snapshot()["acquisitions"] == 1
     np.testing.assert_array_equal(empty.algorithm.beliefs(), belief)

@@ -7,7 +7,6 @@ from numpy.testing import assert_array_equal
 from saved import assert_plain
 
 from taichi_plume.grid.state import State
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.algorithms import LeastKnown, RandomWalk
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Box
@@ -102,7 +101,8 @@ def test_each_trial_goes_by_its_own_map(begun, monkeypatch):
     monkeypatch.setattr(algorithm.map, "weight", lambda: weights)
     monkeypatch.setattr(algorithm, "apart", 0.5)
     start = np.tile(CORNER, (3, 1))
-    uploader(run.swarm.position, algorithm.goal)(start, start)  # all of them are there, and ask
+    for field in (run.swarm.position, algorithm.goal):
+        field.from_numpy(start)  # all of them are there, and ask
     run.go(TICK)
     goal = algorithm.goal.to_numpy().reshape(3, 4, 2)
     assert (goal[0, :, 0] < 1.0).all()

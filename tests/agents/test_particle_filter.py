@@ -9,7 +9,6 @@ from taichi_plume.agents.casting import IN_PLUME, SIDESTEP
 from taichi_plume.agents.particle_filter import GO
 from taichi_plume.engine import ti
 from taichi_plume.grid.kernels import Template
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.belief_algorithms import ParticleFilter
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -53,12 +52,14 @@ class Told:
 
     def __init__(self, run):
         self.algorithm, self.swarm = run.algorithm, run.swarm
-        self.put = uploader(self.swarm.wind, self.swarm.wind_known, self.swarm.reading, self.swarm.state)
 
     def update(self, tick, gas, state=IN_PLUME):
         a = self.algorithm
         for k in range(a.between):
-            self.put(WIND, 1, 100.0 if gas else 0.0, state)
+            self.swarm.wind.from_numpy(WIND)
+            self.swarm.wind_known.fill(1)
+            self.swarm.reading.fill(100.0 if gas else 0.0)
+            self.swarm.state.fill(state)
             a._sense(k == a.between - 1, TICK)
         a._weigh(tick)
         a._conclude(tick)
@@ -125,10 +126,10 @@ def test_resampling_is_systematic_and_unbiased(run):
     weights = rng.random(count).astype(np.float32) ** 4
     weights /= weights.sum()
     places = rng.random((count, 2)).astype(np.float32)
-    put = uploader(algorithm.particle, algorithm.weight)
     taken, draws = np.zeros(count), 100
     for tick in range(draws):
-        put(np.broadcast_to(places, (60, count, 2)), np.broadcast_to(weights, (60, count)))
+        algorithm.particle.from_numpy(places)
+        algorithm.weight.from_numpy(weights)
         resample(algorithm, tick)
         order = np.argsort(places[:, 0])
         found = order[np.searchsorted(places[order, 0], algorithm.particle.to_numpy()[0, :, 0])]
@@ -160,7 +161,7 @@ def test_a_search_that_is_over_learns_no_more(run):
     run.go(2)
     before, belief = run.swarm.hits.to_numpy(), run.algorithm.beliefs()
     over = np.arange(run.swarm.count) % 2
-    uploader(run.swarm.declarations)(over)
+    run.swarm.declarations.from_numpy(over)
     run.go(3)
     hits, now = run.swarm.hits.to_numpy(), run.algorithm.beliefs()
     np.testing.assert_array_equal(hits[over == 1], before[over == 1])

@@ -11,7 +11,6 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.engine import ti
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.shapes import UprightBox
-from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.scenario.obstacles import Box
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -47,12 +46,9 @@ class Couriers:
         members = Members(self.swarm, range(len(groups)))
         parameters = Parameters(members, lambda group: Potential.numbers(self.swarm, group, None, AVOIDANCE))
         self.potential = Potential(members, parameters)
-        self.goals = ti.vector_field(2, ti.f32, members.size)
-        goals = np.concatenate(
-            [np.tile(np.asarray(goals, float), (trials, 1)) for _, goals, _, trials in teams]
-        )
-        uploader(self.goals, self.potential.mark)(goals, np.inf)
-        self.look = reader(self.swarm.position)
+        goals = [np.tile(np.asarray(goals, float), (trials, 1)) for _, goals, _, trials in teams]
+        self.goals = ti.filled_vectors(np.concatenate(goals))
+        self.potential.mark.fill(np.inf)
 
     @ti.kernel
     def act(self):
@@ -70,7 +66,7 @@ class Couriers:
         for tick in range(1, round(seconds / TICK) + 1):
             self.act()
             self.swarm.move(tick, tick * TICK, TICK)
-            tracks.append(self.look()[0])
+            tracks.append(self.swarm.position.to_numpy())
         return [np.array(tracks)[:, group.slice] for group in self.swarm.groups]
 
 

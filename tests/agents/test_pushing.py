@@ -11,7 +11,6 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.layers import Layers
 from taichi_plume.grid.state import State
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.obstacles import Box, Cylinder
 from taichi_plume.scenario.shapes import shape
@@ -164,9 +163,10 @@ def test_pushes_are_the_same_to_the_bit_after_a_restart(pushed):
 
 def test_robots_put_from_outside_stay_and_count_the_time_inside(pushed):
     pushed.put([walker((0.5, 1.5), (3.0, 3.5, 1.5)), IDLE], ((1.5, 1.5), (3.0, 2.5)))
-    put = uploader(pushed.swarm.placed, pushed.swarm.ordered_position, pushed.swarm.ordered_heading)
     places = np.array([*((1.5, 1.5), (3.0, 2.5)), *[(3.0, 0.2), (3.5, 0.2)] * 3], np.float32)
-    put(np.ones(8), places, 0.0)
+    pushed.swarm.placed.fill(1.0)
+    pushed.swarm.ordered_position.from_numpy(places)
+    pushed.swarm.ordered_heading.fill(0.0)
     now = pushed.move(40)
     assert now["position"][0].tolist() == [1.5, 1.5]
     assert now["pushes"].tolist() == [1, *[0] * 7]
@@ -184,7 +184,7 @@ def test_drones_are_pushed_by_walkers_at_their_height_and_rise_out_of_a_dead_end
     low = walker((0.5, 1.5), (6.0, 3.5, 1.5), base=0.0, height=1.6)
     places = np.array([[1.5, 1.52], [3.85, 1.5], [1.5, 1.5]])
     driver = Driver(Swarm([drones], places, np.zeros(3), clearance, np.empty((0, 3)), 0, [low]))
-    uploader(driver.swarm.altitude)(np.array([1.0, 1.0, 1.7], np.float32))
+    driver.swarm.altitude.from_numpy([1.0, 1.0, 1.7])
     now = driver.move(70)
     assert np.hypot(*(now["position"][0].astype(float) - (3.5, 1.5))) > R + WALKER
     assert now["altitude"][0] == pytest.approx(1.0)

@@ -10,7 +10,6 @@ from taichi_plume.agents.radio import NEVER, Radio
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.engine import ti
 from taichi_plume.grid.clearance import ClearanceMap
-from taichi_plume.grid.transfer import uploader
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -33,7 +32,6 @@ class Talk:
         self.swarm = Swarm(groups, self.places, np.zeros(self.count), arena, NOWHERE, 5, rivals=True)
         members = Members(self.swarm, range(len(groups)))
         self.radio = Radio(members, Parameters(members, Radio.numbers, radio="radio"))
-        self.move = uploader(self.swarm.position)
         self.forget(0, self.count)
 
     @ti.kernel
@@ -93,9 +91,9 @@ def test_the_last_message_stays_until_the_next(everywhere):
 
 def test_the_range_counts_when_it_is_said():
     talk = Talk({"range": 1.5}, count=2)
-    talk.move(np.array([[1, 1], [3, 1]]))
+    talk.swarm.position.from_numpy([[1, 1], [3, 1]])
     assert not talk.round([0, 1]).any()
-    talk.move(np.array([[1, 1], [2, 1]]))
+    talk.swarm.position.from_numpy([[1, 1], [2, 1]])
     assert not talk.round([], tick=2).any()  # nobody speaks now
     assert talk.round([0], tick=3).tolist() == [[False, False], [True, False]]
 

@@ -21,7 +21,6 @@ from taichi_plume.envs.bank import Bank, bank_of, key_of, read, record
 from taichi_plume.execution.film_output import Filming
 from taichi_plume.grid.fields import ppm_at, velocity_at
 from taichi_plume.grid.grid import centers
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.loading import scenario_from
 from taichi_plume.solvers.film_bank import FilmBank
 from taichi_plume.time_loop import Every
@@ -58,7 +57,9 @@ def closed():
     asking = Asking(films, POINTS)
 
     def ask(film: int, gas: int, t: float) -> tuple[np.ndarray, np.ndarray]:
-        uploader(films.film, films.gas_of, films.now)(film, gas, t)
+        films.film.fill(film)
+        films.gas_of.fill(gas)
+        films.now.fill(t)
         return asking(places)
 
     return SimpleNamespace(scenario=scenario, bank=bank, places=places, ask=ask)

@@ -176,7 +176,7 @@ def test_a_sensor_on_the_left_is_on_the_right_in_a_mirror(engines):
     _, many = engines
     column = many.names.index("gas of sensor 1")
     for flip in (1.0, -1.0):
-        many.kernel.n.set(mirrors=0.0 if flip > 0 else 1.0)
+        many.kernel.n.mirrors[None] = 0.0 if flip > 0 else 1.0
         many.reset(seeds(MANY))
         place, heading = many.swarm.position.to_numpy(), many.swarm.heading.to_numpy()
         ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
@@ -187,7 +187,7 @@ def test_a_sensor_on_the_left_is_on_the_right_in_a_mirror(engines):
         ppm = np.maximum(levels[:, 0] + (levels[:, 1:] * x).sum(axis=1), 0.0)
         observed = 10.0 ** (6.0 * many.observations[:, column]) - 1.0
         np.testing.assert_allclose(observed, ppm, rtol=3e-3, atol=0.05)
-    many.kernel.n.set(mirrors=0.5)
+    many.kernel.n.mirrors[None] = 0.5
 
 
 def test_a_mirrored_episode_is_the_same_seen_in_a_mirror(engines):
@@ -195,11 +195,11 @@ def test_a_mirrored_episode_is_the_same_seen_in_a_mirror(engines):
     commands = actions(many, 7)
     seen = []
     for flip in (1.0, -1.0):
-        many.kernel.n.set(mirrors=0.0 if flip > 0 else 1.0)
+        many.kernel.n.mirrors[None] = 0.0 if flip > 0 else 1.0
         many.reset(seeds(MANY))
         assert (many.info["mirror"] == (flip < 0)).all()
         seen.append(follow(many, commands * np.array([1.0, flip, 1.0], np.float32), "next_step"))
-    many.kernel.n.set(mirrors=0.5)
+    many.kernel.n.mirrors[None] = 0.5
     sides = np.array(
         [any(word in name for word in ("left", "sin", "position y", "turn")) for name in many.names]
     )
@@ -232,7 +232,7 @@ def test_observations_do_not_tell_where_sources_are(engines):
 def test_truth_is_the_gas_at_the_robots_and_the_way_to_the_nearest_source(engines):
     _, many = engines
     for flip in (1.0, -1.0):
-        many.kernel.n.set(mirrors=0.0 if flip > 0 else 1.0)
+        many.kernel.n.mirrors[None] = 0.0 if flip > 0 else 1.0
         many.reset(seeds(MANY))
         truth = many.read_truth()
         place, heading = many.swarm.position.to_numpy(), many.swarm.heading.to_numpy()
@@ -249,7 +249,7 @@ def test_truth_is_the_gas_at_the_robots_and_the_way_to_the_nearest_source(engine
         left = flip * np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
         offset = truth["source_offset"]
         np.testing.assert_allclose(place + offset[:, :1] * ahead + offset[:, 1:] * left, sources, atol=1e-5)
-    many.kernel.n.set(mirrors=0.5)
+    many.kernel.n.mirrors[None] = 0.5
 
 
 @pytest.mark.parametrize("mode", ["next_step", "same_step"])
@@ -305,10 +305,10 @@ def test_a_word_ends_an_episode(engines):
     source = many.swarm.episodes.sources.to_numpy()
     source[2, 0] = spot[2, 1]
     many.swarm.episodes.sources.from_numpy(source)
-    many.kernel.n.set(for_progress=0.0)
+    many.kernel.n.for_progress[None] = 0.0
     commands[[5, 6, 7], 2] = 1.0  # the second robot of environment 2 is right, both of 3 are wrong
     many.step(commands)
-    many.kernel.n.set(for_progress=1.0)
+    many.kernel.n.for_progress[None] = 1.0
     assert many.terminated.tolist() == [False, False, True, True, False]
     assert many.info["found"].tolist() == [0, 0, 1, 0, 0]
     assert many.rewards[5] - many.rewards[4] == pytest.approx(0.0, abs=0.05)  # what one finds all have found
@@ -352,13 +352,16 @@ def test_bad_actions_move_nothing(engines):
 
 def test_where_no_room_is_found_by_chance_teams_start_at_free_places(engines):
     _, many = engines
-    kept = {name: many.kernel.n[name] for name in ("low_x", "low_y", "wide_x", "wide_y")}
-    many.kernel.n.set(low_x=0.95, low_y=0.65, wide_x=0.1, wide_y=0.1)  # within the box
+    area = {"low_x": 0.95, "low_y": 0.65, "wide_x": 0.1, "wide_y": 0.1}  # within the box
+    kept = {name: getattr(many.kernel.n, name)[None] for name in area}
+    for name, value in area.items():
+        getattr(many.kernel.n, name)[None] = value
     many.reset(seeds(MANY))
     free = many.kernel.fallback.to_numpy()
     for team in many.swarm.position.to_numpy().reshape(MANY, TEAM, 2):
         assert (np.abs(free - team).max(axis=(1, 2)) == 0.0).any()
-    many.kernel.n.set(**kept)
+    for name, value in kept.items():
+        getattr(many.kernel.n, name)[None] = value
 
 
 def test_tensors_share_the_same_episodes(engines):
@@ -424,7 +427,7 @@ def test_robots_are_those_of_an_ordinary_run(taichi):
     model = swarm.groups[0].model
     choice = many.kernel.choice.to_numpy()
     many.kernel.choice.from_numpy(np.full_like(choice, -1))
-    many.kernel.n.set(mirrors=0.0)
+    many.kernel.n.mirrors[None] = 0.0
     many.autoreset = "disabled"
     many.reset(seeds(MANY))
     starts = swarm.position.to_numpy(), swarm.heading.to_numpy()

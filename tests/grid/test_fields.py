@@ -15,7 +15,6 @@ from taichi_plume.grid.fields import (
     velocity_at,
 )
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.species import Species
 from taichi_plume.solvers.prescribed_wind import PrescribedWind
 from taichi_plume.solvers.synthetic_flow import curl
@@ -27,9 +26,9 @@ class Slope(GridGas):
     """Concentration on the grid that is a function of the position."""
 
     def __init__(self, grid: Grid, function: Callable[[np.ndarray], np.ndarray]):
-        self.grid, self.c, self.air = grid, grid.field(), grid.field()
+        self.grid, self.air = grid, grid.filled(np.ones(grid.padded))
         index = np.stack(np.meshgrid(*map(np.arange, grid.padded), indexing="ij"), axis=-1)
-        uploader(self.c, self.air)(function((index - grid.ghost + 0.5) * grid.dx), 1.0)
+        self.c = grid.filled(function((index - grid.ghost + 0.5) * grid.dx))
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -70,7 +69,8 @@ def random_flow(grid: Grid) -> PrescribedWind:
         for a in set(range(grid.dim)) - {m}:
             np.moveaxis(potential[m], a, 0)[[0, -1]] = 0.0
     wind = PrescribedWind(lambda x: 0.0 * x, grid)
-    uploader(*wind.u)(*(grid.pad_faces(u, d) for d, u in enumerate(curl(potential, grid.dx))))
+    for d, u in enumerate(curl(potential, grid.dx)):
+        wind.u[d].from_numpy(grid.pad_faces(u, d))
     return wind
 
 

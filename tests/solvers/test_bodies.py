@@ -156,7 +156,7 @@ class Parting(Bodies):
     """Solid discs whose places and velocities stay."""
 
     def advance(self, t: float, dt: float) -> None:
-        self.n.set(pace=1.0 / dt)
+        self.pace[None] = 1.0 / dt
 
     def fastest(self, t: float) -> float:
         return 0.3
@@ -167,9 +167,7 @@ def parting(grid: Grid, open: tuple) -> Parting:
     place, velocity = (ti.vector_field(2, ti.f32, 2) for _ in range(2))
     place.from_numpy(np.array([[0.7, 0.75], [1.0, 0.75]], np.float32))
     velocity.from_numpy(np.array([[-0.3, 0.0], [0.3, 0.0]], np.float32))
-    bodies = Parting(grid, place, velocity, 2, open)
-    bodies.shape(Outline(radius=0.15))
-    return bodies
+    return Parting(grid, place, velocity, 2, open, Outline(radius=0.15))
 
 
 @pytest.mark.slow

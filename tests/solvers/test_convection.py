@@ -6,7 +6,6 @@ from rooms import TUNNEL, air_in, blocks, cfd, eulerian, flow_in, missing
 
 from taichi_plume.engine import ti
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.transfer import reader, uploader
 from taichi_plume.solvers.convection import FLUXES, LIMITED
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.prescribed_wind import PrescribedWind
@@ -24,7 +23,6 @@ def reconstructed(taichi):
     """Values by a scheme on the lower faces of up to CELLS periodic cells with these averages, as air of v goes by."""
     q, out = ti.field(ti.f32, CELLS + 6), {scheme: ti.field(ti.f32, CELLS + 6) for scheme in SCHEMES}
     limited = {scheme: out[f"limited {scheme}"] for scheme in LIMITED}
-    put, read = uploader(q), reader(*out.values())
 
     @ti.kernel
     def at_faces(v: float):
@@ -37,9 +35,9 @@ def reconstructed(taichi):
 
     def values(scheme: str, averages: np.ndarray, v: float) -> np.ndarray:
         n = len(averages)
-        put(averages[(np.arange(CELLS + 6) - 3) % n])
+        q.from_numpy(averages[(np.arange(CELLS + 6) - 3) % n])
         at_faces(v)
-        return read()[SCHEMES.index(scheme)][3 : 3 + n].astype(float)
+        return out[scheme].to_numpy()[3 : 3 + n].astype(float)
 
     return values
 

@@ -6,7 +6,6 @@ from rooms import LAMINAR, cfd, flow_in
 
 from taichi_plume.engine import ti
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.bodies import GRAVITY, Body
 from taichi_plume.scenario.species import AIR_DENSITY
 from taichi_plume.solvers.downwash import Downwash
@@ -25,7 +24,6 @@ class Hover:
         count = 2
         self.place, self.push = ti.vector_field(2, ti.f32, count), ti.vector_field(3, ti.f32, count)
         self.heading, self.altitude = ti.field(ti.f32, count), ti.field(ti.f32, count)
-        self.put = uploader(self.place, self.heading, self.altitude, self.push)
         self.grid = Grid(SHAPE, DX, periodic=periodic)
         self.model = wind
 
@@ -36,7 +34,10 @@ class Hover:
 
         self.flow = flow_in(self.grid, self.model, resistances=[make])
         (self.downwash,) = self.flow.resistances
-        self.put(np.array(places, float), headings, altitudes, np.array(push, float))
+        self.place.from_numpy(places)
+        self.heading.from_numpy(headings)
+        self.altitude.from_numpy(altitudes)
+        self.push.from_numpy(push)
 
     def momentum(self):
         """Of all air [kg m/s]."""

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from taichi_plume.engine import program, ti
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.species import SPECIES
 from taichi_plume.solvers.film_bank import FilmBank, half
 
@@ -70,7 +69,8 @@ def asked():
     bank = FilmBank(of, COUNT, ROBOTS)
     film, gas = rng.integers(0, FILMS, COUNT), rng.integers(-1, 3, COUNT)
     begin, now = rng.uniform(0, 1.5, COUNT), rng.uniform(0, 1.0, COUNT)  # some beyond the end
-    uploader(bank.film, bank.gas_of, bank.begin, bank.now)(film, gas, begin, now)
+    for field, values in ((bank.film, film), (bank.gas_of, gas), (bank.begin, begin), (bank.now, now)):
+        field.from_numpy(values)
     places = rng.uniform([-0.02, -0.02], [NX * DX + 0.02, NY * DX + 0.02], (COUNT * ROBOTS, 2))
     ppm, u = Asking(bank, len(places))(places)
     return SimpleNamespace(of=of, film=film, gas=gas, at=begin + now, places=places, ppm=ppm, u=u)

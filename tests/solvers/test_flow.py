@@ -9,7 +9,6 @@ from taichi_plume.grid.cut_cells import air_of
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.shapes import Ball
 from taichi_plume.grid.state import State
-from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario.obstacles import Cylinder, Sphere
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.bodies import MovingObstacle
@@ -42,7 +41,7 @@ def test_the_step_is_as_long_as_the_most_limiting_cell_allows(turbulence):
     grid = Grid((40, 20), 0.05, depth=0.05)
     flow = flow_in(grid, cfd(turbulence={"kind": turbulence}, viscosity=2e-4, courant=0.9))
     flow.start_from(swirls)
-    faces = [np.abs(u).astype(float) for u in flow._read_velocity()]
+    faces = [np.abs(u.to_numpy()).astype(float) for u in flow.u]
     speed = sum(grid.inner(np.maximum(u, np.roll(u, -1, axis=d))) for d, u in enumerate(faces))
     viscosity = np.full(grid.shape, 2e-4) if flow.nu is None else np.maximum(grid.read(flow.nu), 2e-4)
     convection = speed / (0.9 * 0.05)
@@ -61,7 +60,7 @@ def test_a_resistant_outlet_evens_out_the_outflow(taichi):
         flow = flow_in(grid, wind(openings=[INLET, OUTLET | {"loss_coefficient": loss}]), SOLID)
         advance(flow, 4.0)
         g = flow.grid.ghost
-        spread.append(flow._read_velocity()[0][g + 60, g : g + 45].std())
+        spread.append(flow.u[0].to_numpy()[g + 60, g : g + 45].std())
     assert spread[1] < 0.5 * spread[0]
 
 
@@ -74,12 +73,12 @@ def test_a_fan_turns_the_air_the_right_way_and_follows_its_schedule():
     }  # fmt: skip
     flow = flow_in(Grid((16, 20, 20), 0.05), wind(openings=[fan, {"kind": "outlet", "face": "x+"}]))
     advance(flow, 0.3)
-    u, v, w = (flow.grid.inner(values) for values in flow._read_velocity())
+    u, v, w = (flow.grid.inner(field.to_numpy()) for field in flow.u)
     assert u[0].sum() * 0.05**2 == pytest.approx(np.pi * 0.3**2, rel=1e-5)
     assert v[2, 10, 14] < -0.05 < 0.05 < v[2, 10, 5]
     assert w[2, 14, 10] > 0.05 > -0.05 > w[2, 5, 10]
     flow.advance(1.2, 0.005)
-    assert flow.grid.inner(flow._read_velocity()[0])[0].sum() == pytest.approx(0.0, abs=4e-5)
+    assert flow.grid.inner(flow.u[0].to_numpy())[0].sum() == pytest.approx(0.0, abs=4e-5)
 
 
 # ---------------------------------------------------------------- state and numbers
@@ -134,7 +133,8 @@ def found(flow: FlowSolver, begin: float, steps: int = 4) -> list[np.ndarray]:
     for n in range(steps):
         flow.advance(begin + 0.01 * n, 0.01)
     limits = (flow.stable_dt(begin), flow.max_courant, flow.max_speed, flow.outflow_rate, flow.max_viscosity)
-    return [*reader(*flow.u, flow.p, flow.nu)(), np.array(limits), np.array(flow.boundaries.speeds(begin))]
+    fields = [field.to_numpy() for field in (*flow.u, flow.p, flow.nu)]
+    return [*fields, np.array(limits), np.array(flow.boundaries.speeds(begin))]
 
 
 OTHERS = {

@@ -7,7 +7,6 @@ from rooms import TUNNEL, assert_same, blocks, eulerian, largest_outflow, march,
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.state import State
-from taichi_plume.grid.transfer import reader
 from taichi_plume.scenario.winds import FrozenWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.frozen_flow import FrozenSolver
@@ -37,19 +36,11 @@ STEPS = np.array([0.01, 0.02, 0.0125] * 40)  # uneven, so that the weights count
 ENDS = BEGIN + np.cumsum(STEPS)
 
 
-@pytest.fixture(scope="module")
-def fields_of(taichi) -> Callable[[FlowSolver], list[np.ndarray]]:
-    read = {}
-
-    def fields(flow: FlowSolver) -> list[np.ndarray]:
-        if flow not in read:
-            read[flow] = reader(*flow.u, flow.nu)
-        return [values.astype(float) for values in read[flow]()]
-
-    return fields
+def fields_of(flow: FlowSolver) -> list[np.ndarray]:
+    return [field.to_numpy().astype(float) for field in (*flow.u, flow.nu)]
 
 
-def test_flow_becomes_its_mean(frozen, fields_of, monkeypatch):
+def test_flow_becomes_its_mean(frozen, monkeypatch):
     states = []  # after each step, as the flow solver leaves it
     step = FlowSolver.advance
 
@@ -87,7 +78,7 @@ def test_frozen_air_has_no_limit_and_carries_gas(frozen):
     assert gas.least() >= 0
 
 
-def test_a_saved_mean_goes_on_to_the_bit(frozen, fields_of):
+def test_a_saved_mean_goes_on_to_the_bit(frozen):
     """Saved while it is averaged, and after it froze."""
     held = frozen(after=0.2, average=0.1)
     state, saved = State(held), []

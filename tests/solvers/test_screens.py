@@ -3,7 +3,6 @@ import pytest
 from rooms import LAMINAR, cfd, flow_in
 
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.tables import Tables
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.openings import periodic_axes
@@ -87,10 +86,9 @@ def test_the_air_goes_round_a_screen_that_covers_half_the_duct():
 
 
 def test_a_screen_in_a_disc_leaves_the_rest_alone():
-    grid, tables = Grid((32, 16, 16), 0.05), Tables()
+    grid = Grid((32, 16, 16), 0.05)
     (disc,) = model(3, {"center": [0.4, 0.4], "diameter": 0.4}).screens
-    screen = ScreenResistance(disc, grid, [np.ones(grid.padded)] * 3, tables, 1.5e-5)
-    tables.upload()
+    screen = ScreenResistance(disc, grid, [np.ones(grid.padded)] * 3, 1.5e-5)
     index = screen.faces[0].to_numpy() - grid.ghost
     middle = (index[:, 1:] + 0.5) * 0.05
     assert np.hypot(*(middle - 0.4).T).max() <= 0.2

@@ -21,7 +21,8 @@ def eddy_viscosity(taichi) -> Callable[[str, np.ndarray, float], float]:
         wind = cfd(openings, viscosity=1e-5, turbulence=turbulence)
         flow = flow_in(Grid((8,) * dim, 0.1), wind)
         middle = 4 * flow.grid.dx
-        flow._put_velocity(*((padded_faces(flow.grid, d) - middle) @ gradient[d] for d in range(dim)))
+        for d, field in enumerate(flow.u):
+            field.from_numpy((padded_faces(flow.grid, d) - middle) @ gradient[d])
         flow._stage(0.0, 1.0)
         return float(flow.grid.read(flow.nu)[(4,) * dim]) - 1e-5
 

@@ -11,7 +11,6 @@ from scipy.optimize import brentq
 from taichi_plume.engine import ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.transfer import uploader
 from taichi_plume.scenario.heat import Heat
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.heat import HeatSolver
@@ -155,7 +154,7 @@ def test_a_warm_wall_gives_what_the_wind_takes_along(taichi, kind, rel):
     wind.viscosity = NU
     if kind == "vreman":
         wind.nu = grid.field()
-        uploader(wind.nu)(NU)
+        wind.nu.fill(NU)
     model = {"reference": 300.0, "diffusivity": diffusivity, "walls": [{"face": "y-", "temperature": 310.0}]}
     heat = HeatSolver(Heat.model_validate(model), grid, wind, (), Air.everywhere(grid))
     heat.advance(0.0, 1e-3)

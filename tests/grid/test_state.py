@@ -1,4 +1,4 @@
-"""Fields filled and read in one launch, numbers that kernels read when they run, and the state of components."""
+"""Inner cells of fields of a grid, and the state of components."""
 
 from types import SimpleNamespace
 
@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from taichi_plume.engine import ti
-from taichi_plume.engine.program import compiled
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.state import State
-from taichi_plume.grid.transfer import Numbers, reader, uploader
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -37,36 +35,6 @@ ARRAYS = (
 )
 
 
-def test_what_is_uploaded_is_read_back_and_compiles_nothing(taichi):
-    several = fields()
-    put, get = uploader(*several), reader(*several)
-    before = compiled()
-    put(*ARRAYS)
-    for array, found, field in zip(ARRAYS, get(), several, strict=True):
-        assert found.dtype == array.dtype
-        np.testing.assert_array_equal(found, array)
-        np.testing.assert_array_equal(field.to_numpy(), array)
-    assert compiled() == before
-    with pytest.raises(TypeError, match="7 fields, 1 arrays"):
-        put(1)
-
-
-def test_numbers_are_read_when_a_kernel_runs(taichi):
-    n = Numbers("a", "b")
-
-    @ti.kernel
-    def product() -> ti.f32:
-        return n.a[None] * n.b[None]
-
-    n.set(a=2, b=3)
-    assert product() == 6
-    before = compiled()
-    n.set(b=5)
-    assert (product(), n["a"], n["b"], compiled()) == (10, 2.0, 5.0, before)
-    with pytest.raises(KeyError, match="c"):
-        n.set(c=1)
-
-
 def test_a_grid_reads_and_writes_its_inner_cells(taichi):
     grid = Grid(shape=(4, 3), dx=0.1)
     values = np.arange(12, dtype=np.float32).reshape(4, 3)
@@ -89,14 +57,15 @@ def test_a_state_is_saved_restored_and_cleared(taichi):
 
     part = Part()
     part.scalar, part.parts, part.log, part.draws = scalar, [inner], [1.0], np.random.default_rng(2)
-    put, get = uploader(scalar, *several), reader(scalar, *several)
-    put(*ARRAYS)
+    for field, array in zip((scalar, *several), ARRAYS, strict=True):
+        field.from_numpy(array)
     state = State(part)
     saved = state.save()
     after = part.draws.random(), part.log.append(2.0)
     inner.count = 5
-    put(*(0 * array for array in ARRAYS))
+    for field in (scalar, *several):
+        field.fill(0)
     state.restore(saved)
     assert (part.draws.random(), part.log, inner.count) == (after[0], [1.0], 3)
-    for array, found in zip(ARRAYS, get(), strict=True):
-        np.testing.assert_array_equal(found, array)
+    for field, array in zip((scalar, *several), ARRAYS, strict=True):
+        np.testing.assert_array_equal(field.to_numpy(), array)
