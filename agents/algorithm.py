@@ -1,6 +1,5 @@
 """Protocol of search algorithms, and base class of search algorithms in Taichi kernels over robots."""
 
-from contextlib import nullcontext
 from typing import Any, ClassVar, Protocol
 
 from taichi_plume.agents.groups import GroupRange
@@ -9,7 +8,7 @@ from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.engine import ti
-from taichi_plume.engine.kernels import data_flow_by_llvm
+from taichi_plume.grid.kernels import long_kernel
 
 
 class Algorithm(Protocol):
@@ -58,7 +57,6 @@ class KernelAlgorithm:
             lambda group: self.numbers(group, group.model.algorithm),
             **{key: name for key, name in streams.items() if name},
         )
-        self._compiled = False
         self._allocate()
         self._start_all()
 
@@ -74,19 +72,14 @@ class KernelAlgorithm:
     def _allocate(self) -> None:
         """Allocate the algorithm's fields and components, and set fields that `_start` does not set."""
 
-    def act(self, tick: int, t: float, dt: float) -> None:
-        with nullcontext() if self._compiled else data_flow_by_llvm():
-            self._step_all(tick, t, dt)
-        self._compiled = True
-
     @ti.kernel
     def _start_all(self):
         ti.loop_config(serialize=ti.static(runs_serially(self.WORK * self.size)))
         for n in range(self.size):
             self._start(n)
 
-    @ti.kernel
-    def _step_all(self, tick: int, t: float, dt: float):
+    @long_kernel
+    def act(self, tick: int, t: float, dt: float):
         ti.loop_config(serialize=ti.static(runs_serially(self.WORK * self.size)))
         for n in range(self.size):
             self._step(n, tick, t, dt)

@@ -27,6 +27,7 @@ from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.engine import ti
+from taichi_plume.grid.kernels import long_kernel
 from taichi_plume.scenario import algorithms
 
 FEEL, FORM, SWEEP, WAIT = range(4)
@@ -90,8 +91,8 @@ class LineUp(KernelAlgorithm):
             "direction": (cos(angle), sin(angle)),
         }
 
-    @ti.kernel
-    def _step_all(self, tick: int, t: float, dt: float):
+    @long_kernel
+    def act(self, tick: int, t: float, dt: float):
         ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for k in range(self.lines):
             if self.mode[k] == FEEL:

@@ -3,7 +3,6 @@
 Environments are independent: each thread advances a strip of environments through all ticks of a decision.
 """
 
-from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
@@ -13,8 +12,7 @@ from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.trials import FAR
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import on_cpu
-from taichi_plume.engine.kernels import data_flow_by_llvm
-from taichi_plume.grid.kernels import Template
+from taichi_plume.grid.kernels import Template, long_kernel
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.starts import GAP, StartArea
 from taichi_plume.solvers.film_bank import FilmBank
@@ -108,13 +106,12 @@ class StepKernel:
 
     def run(self, side: int, flags: "Array", actions: "Array", table: "Array", outcomes: "Array") -> None:
         """Execute the tasks flags[0] of all environments. side: half of `table` to which observations are written."""
-        with nullcontext() if self.begun else data_flow_by_llvm():  # halves the compile time of a long kernel
-            self._run(side, self.ticks, self.dt, flags, actions, table, outcomes)
+        self._run(side, self.ticks, self.dt, flags, actions, table, outcomes)
         self.begun = True
         if not on_cpu():  # torch uses another CUDA stream
             ti.sync()
 
-    @ti.kernel
+    @long_kernel
     def _run(
         self,
         side: int,
