@@ -93,7 +93,8 @@ class MarkovMap(GasMap):
         cells = np.flatnonzero(count)
         if len(cells):
             self.past.append([time, cells, count[cells], total[cells]])
-            _empty(self.count, self.total)
+            self.count.fill(0.0)
+            self.total.fill(0.0)
         if self.model.memory is None:
             self._merge()
         else:
@@ -222,10 +223,3 @@ def _collect(
                 I = cell_of(position[robot], cell, shape)
                 count[k, I[0], I[1]] += 1.0
                 total[k, I[0], I[1]] += reading[robot]
-
-
-@ti.kernel
-def _empty(count: Template, total: Template):
-    for I in ti.grouped(ti.ndrange(*count.shape)):
-        count[I] = 0.0
-        total[I] = 0.0

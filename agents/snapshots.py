@@ -85,6 +85,11 @@ class Snapshots:
         """Index of the last ended snapshot in the ring buffers of A and B."""
         return (self.ended - 1) % self.depth
 
+    def last_cells(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return A and B of the last ended snapshot, (trials, nx, ny)."""
+        cells = tuple(slice(self.margin, self.margin + n) for n in self.shape)
+        return self.weighted.values[:, self.last, *cells], self.weights.values[:, self.last, *cells]
+
     def update(self, swarm: Readers, t: float, dt: float) -> None:
         """Add the readings at time t [s], once; a snapshot (time window) ends if t reaches a multiple of its length."""
         if t <= self.time:
@@ -110,7 +115,7 @@ class Snapshots:
         self.ended += 1
         for gas_map in self.maps:
             gas_map.close()
-        _forget(self.taken, self.ended % self.kept)
+        self.taken[:, self.ended % self.kept] = 0
 
 
 class SnapMap(GasMap):
@@ -183,15 +188,9 @@ class InverseDistanceMap(SnapMap):
         return np.where(lag == 1, 1.0, 0.0)
 
     def _forecast(self) -> None:
-        snapshots = self.snaps
-        _copy(
-            snapshots.weighted,
-            snapshots.weights,
-            snapshots.last,
-            snapshots.margin,
-            self.numerator,
-            self.denominator,
-        )
+        weighted, weights = self.snaps.last_cells()
+        self.numerator.from_numpy(weighted)
+        self.denominator.from_numpy(weights)
 
 
 @ti.kernel
@@ -210,13 +209,6 @@ def _gather(
                     samples[k, slot, n] = ti.Vector([position[robot][0], position[robot][1], reading[robot]])
                     n += 1
         taken[k, slot] = n
-
-
-@ti.kernel
-def _forget(taken: Template, slot: int):
-    ti.loop_config(serialize=ti.static(runs_serially(taken.shape[0])))
-    for k in range(taken.shape[0]):
-        taken[k, slot] = 0
 
 
 @ti.kernel
@@ -270,12 +262,3 @@ def _forecast_mae(
                     cells += 1
             total += row
         mae[k] = ti.select(cells > 0, total / ti.max(cells, 1), ti.math.nan)
-
-
-@ti.kernel
-def _copy(
-    weighted: Template, weights: Template, slot: int, margin: int, numerator: Template, denominator: Template
-):
-    for k, i, j in ti.ndrange(*numerator.shape):
-        numerator[k, i, j] = weighted[k, slot, margin + i, margin + j]
-        denominator[k, i, j] = weights[k, slot, margin + i, margin + j]

@@ -9,9 +9,7 @@ from taichi_plume.agents.members import Members
 from taichi_plume.agents.own_algorithm import OwnAlgorithm
 from taichi_plume.agents.policy import PolicyAlgorithm
 from taichi_plume.agents.replay import ReplayAlgorithm
-from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.engine import ti
 from taichi_plume.files.network import Network
 from taichi_plume.files.trajectories import Way
 
@@ -55,9 +53,10 @@ class Team:
             self.algorithm = ALGORITHMS[model.kind](swarm, self.members, tick)
         self.waits = group.begin > 0
         if self.waits:
-            self.first_state = ti.field(ti.i32, self.members.size)
             self.STATE = (*self.STATE, "first_state")
-            self._swap(len(self.algorithm.STATE_NAMES))
+            self._robots = self.members.robot.to_numpy()
+            self.first_state = swarm.state[self._robots]
+            swarm.state[self._robots] = len(self.algorithm.STATE_NAMES)
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -67,20 +66,8 @@ class Team:
         if tick < self.first_tick:
             return
         if self.waits and tick == self.first_tick:
-            self._swap(0)
+            self.swarm.state[self._robots] = self.first_state
         self.algorithm.act(tick, t, dt)
-
-    @ti.kernel
-    def _swap(self, wait: int):
-        """Store the robots' states and set them to `wait` if wait > 0, else restore the stored states."""
-        ti.loop_config(serialize=ti.static(runs_serially(self.members.size)))
-        for n in range(self.members.size):
-            i = self.members.robot[n]
-            if wait > 0:
-                self.first_state[n] = self.swarm.state[i]
-                self.swarm.state[i] = wait
-            else:
-                self.swarm.state[i] = self.first_state[n]
 
 
 def teams(

@@ -41,15 +41,7 @@ class FilmBank:
         self._air = ti.filled(bank.air, ti.f32)
         self._scale = ti.filled(bank.scale if self.gases else np.zeros((self.films, 1)))
         self._frame, self._spacing = ti.filled(bank.frame, ti.f32), ti.filled(bank.spacing, ti.f32)
-        self._values = ti.field(ti.f16, bank.values.shape)
-        for n, values in enumerate(bank.values):  # film by film, to avoid a second copy of the whole
-            self._load(n, np.ascontiguousarray(values))
-
-    @ti.kernel
-    def _load(self, n: int, values: ti.types.ndarray(dtype=ti.f16, ndim=4)):
-        for k, i, j in ti.ndrange(self.frames, self.nx, self.ny):
-            for c in range(2 + self.gases):
-                self._values[n, k, i, j, c] = values[k, i, j, c]
+        self._values = ti.filled(bank.values, ti.f16)
 
     @ti.func
     def _moment(self, e):

@@ -97,7 +97,7 @@ class OrnsteinUhlenbeck:
         rows = np.stack([y + np.cumsum(self._carried * before + new_y, axis=0), after], axis=1)
         first = self._drawn % self.count
         self._known[first : first + BLOCK] = rows
-        self._store(first, rows.reshape(BLOCK, -1).astype(np.float32))
+        self.path[first : first + BLOCK] = rows.reshape(BLOCK, -1)
         self._last = rows[-1]
         self._drawn += BLOCK
 
@@ -105,19 +105,10 @@ class OrnsteinUhlenbeck:
         """Advance the present time to t [s], which must not decrease."""
         while (t - self._origin) / self.interval >= self._drawn - 1:
             self._draw()
-        self._set_now(*self._place(t), self.at(t)[0].astype(np.float32))
-
-    @ti.kernel
-    def _store(self, first: ti.i32, values: ti.types.ndarray(dtype=ti.f32, ndim=2)):
-        for n, c in ti.ndrange(values.shape[0], values.shape[1]):
-            self.path[first + n][c] = values[n, c]
-
-    @ti.kernel
-    def _set_now(self, knot: ti.i32, share: ti.f32, now: ti.types.ndarray(dtype=ti.f32, ndim=1)):
-        self.head[None] = knot
-        self.share[None] = share
-        for n in ti.static(range(self.size)):
-            self.now[None][n] = now[n]
+        knot, share = self._place(t)
+        self.head.fill(knot)
+        self.share.fill(share)
+        self.now.from_numpy(self.at(t)[0])
 
     def _place(self, t: float) -> tuple[int, float]:
         share, knot = np.modf((t - self._origin) / self.interval)

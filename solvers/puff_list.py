@@ -74,16 +74,7 @@ class PuffList:
 
     def rows(self) -> np.ndarray:
         """Return all columns of the present puffs, (count, columns)."""
-        values = np.empty((self.count, len(self.now)), np.float32)
-        if self.count:
-            self._read(values)
-        return values
-
-    @ti.kernel
-    def _read(self, rows: ti.types.ndarray(dtype=ti.f32, ndim=2)):
-        for q in range(rows.shape[0]):
-            for column in ti.static(range(len(self.now))):
-                rows[q, column] = self.now[column][q]
+        return np.stack([column.values[: self.count] for column in self.now], axis=1)
 
     @ti.func
     def place(self, q: ti.i32):
