@@ -10,8 +10,8 @@ from taichi_plume.scenario.loading import scenario_from
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
-def room(draws: np.random.Generator, dim: int) -> dict:
-    """A room with an inlet and an outlet beside walls, some obstacles, casters and a map of the gas."""
+def room(draws: np.random.Generator, dim: int, gas: str) -> dict:
+    """A room with an inlet and an outlet beside walls, some obstacles, casters and a map of a gas of this kind."""
     size = [*np.round(draws.uniform(1.4, 2.6, 2), 1), 0.6][:dim]
     length, width = size[:2]
     across = [0.3][: dim - 2]
@@ -35,7 +35,7 @@ def room(draws: np.random.Generator, dim: int) -> dict:
             "openings": [*inlets, {**opening, "face": "x+", "center": [width / 2, *across]}],
         },
         "obstacles": [obstacle() for _ in range(draws.integers(1, 4))],
-        "gas": {"kind": "eulerian", "sources": [{"position": [0.3, width / 2, *across], "rate": 2e-5}]},
+        "gas": {"kind": gas, "sources": [{"position": [0.3, width / 2, *across], "rate": 2e-5}]},
         "robots": [
             {
                 "count": int(draws.integers(1, 6)),
@@ -47,12 +47,14 @@ def room(draws: np.random.Generator, dim: int) -> dict:
     }
 
 
-@pytest.mark.parametrize("dim", [2, pytest.param(3, marks=pytest.mark.slow)])
-def test_edits_of_a_room_compile_nothing(dim):
+@pytest.mark.parametrize(
+    ("dim", "gas"), [(2, "eulerian"), (2, "puffs"), pytest.param(3, "eulerian", marks=pytest.mark.slow)]
+)
+def test_edits_of_a_room_compile_nothing(dim, gas):
     draws = np.random.default_rng(dim)
     before = None
     for _ in range(8):
-        sim = assemble(scenario_from(room(draws, dim)))
+        sim = assemble(scenario_from(room(draws, dim, gas)))
         for _ in range(2):
             sim.advance()
         assert sim.gas.is_finite()
