@@ -28,7 +28,7 @@ class Trials:
         self.seed = ti.vector_field(2, ti.u32, count)
         self.key, self.salt = ti.field(ti.u32, count), ti.field(ti.u32, count)
         self.sources = ti.filled_vectors(np.full((count, self.most_sources, 2), FAR))
-        self.tick, self.side = ti.filled(tick), ti.field(ti.f32, count)
+        self.tick, self.side = tick, ti.field(ti.f32, count)
 
     @ti.func
     def of(self, i):
@@ -88,5 +88,5 @@ class OwnClocks:
         now, at = tick, t
         if ti.static(self.apart):
             now = self.episodes.age[self.episodes.of(i)]
-            at = now * self.episodes.tick[None]
+            at = now * self.episodes.tick
         return now, at

@@ -85,8 +85,7 @@ class Bodies:
         """Half sizes of the box around a body [m]."""
         self.block = ti.filled_vectors(block)
         """Number of faces per axis in the box around a body, half a cell wider on either side."""
-        self.radius, self.middle, self.half_height = map(ti.filled, (radius, middle, half_height))
-        self.drag = ti.filled(drag)
+        self.radius, self.middle, self.half_height, self.drag = radius, middle, half_height, drag
         self.pace = ti.field(ti.f32)
         """1/dt [1/s]; 0 while the bodies are not there."""
 
@@ -94,7 +93,7 @@ class Bodies:
     def distance(self, x: Template, b):
         """Return the distance [m] of x [m] from the surface of body b, negative inside; a bound above and below."""
         p = ti.Vector([x[0], x[1]]) - self.place[b]
-        turn, radius = self.turn[None], self.radius[None]
+        turn, radius = self.turn[None], self.radius
         q = (
             ti.abs(ti.Vector([turn[0] * p[0] + turn[1] * p[1], turn[0] * p[1] - turn[1] * p[0]]))
             - self.half[None]
@@ -102,11 +101,11 @@ class Bodies:
         beyond = ti.sqrt(ti.max(q[0], 0.0) ** 2 + ti.max(q[1], 0.0) ** 2)
         result = beyond + ti.min(ti.max(q[0], q[1]), 0.0) - radius
         if ti.static(self.dim == 3):
-            z = x[2] - self.middle[None]
+            z = x[2] - self.middle
             if ti.static(self.ball):
                 result = ti.sqrt(p.dot(p) + z * z) - radius
             else:
-                result = ti.max(result, ti.abs(z) - self.half_height[None])
+                result = ti.max(result, ti.abs(z) - self.half_height)
         return result
 
     @ti.func
@@ -145,7 +144,7 @@ class Bodies:
         I = ti.Vector.zero(ti.i32, self.dim)
         inside = 1
         for e in ti.static(range(self.dim)):
-            middle = self.middle[None]
+            middle = self.middle
             if ti.static(e < 2):
                 middle = self.place[b][e]
             shift = ti.static(0.0 if e == d else 0.5)
@@ -169,7 +168,7 @@ class Bodies:
                         v = self.velocity[b][d]
                     rate = 0.0
                     if ti.static(self.permeable):
-                        rate = dt * self.drag[None] * share * self._slip(u, d, I, b)
+                        rate = dt * self.drag * share * self._slip(u, d, I, b)
                     else:
                         rate = dt * self.pace[None] * share / (1.0 - share)
                     u[d][I] = (u[d][I] + rate * v) / (1.0 + rate)

@@ -64,7 +64,7 @@ class Downwash:
         """Half sizes of the box around the discs of a drone [m]."""
         self.block = ti.filled_vectors(block)
         """Number of faces of the box per axis."""
-        self.mass, self.radius, self.arm, self.height = map(ti.filled, (mass, radius, arm, body.height))
+        self.mass, self.radius, self.arm, self.height = mass, radius, arm, body.height
         thrust = mass * (GRAVITY + (body.max_acceleration or 0.0))
         disc = pi * min(self.rotors * radius**2, (arm + radius) ** 2)
         self.jet = sqrt(2.0 * thrust / (AIR_DENSITY * disc))  # speed of the far wake [m/s]
@@ -84,14 +84,14 @@ class Downwash:
         for r in range(self.count * self.rotors):
             b = self.first + r // self.rotors
             angle = self.heading[b] + AHEAD_LEFT + 2.0 * pi * (r % self.rotors) / self.rotors
-            arm = self.arm[None]
+            arm = self.arm
             place = self.place[b] + arm * ti.Vector([ti.cos(angle), ti.sin(angle)])
-            hub = ti.Vector([place[0], place[1], self.altitude[b] + self.height[None]])
+            hub = ti.Vector([place[0], place[1], self.altitude[b] + self.height])
             self.hub[r] = hub
             # m (g - a), and never upward: rotors do not blow backwards
             force = -self.acceleration[b]
             force[2] = ti.min(force[2] - GRAVITY, 0.0)
-            force *= self.mass[None] / self.rotors * ti.cast(self.altitude[b] > LANDED, ti.f32)
+            force *= ti.cast(self.altitude[b] > LANDED, ti.f32) * self.mass / self.rotors
             block = self.block[None]
             for d in ti.static(range(3)):
                 total = 0.0
@@ -135,7 +135,7 @@ class Downwash:
         """Return the weight of a face at x in the rotor disc around `hub`, up to a factor common to all faces."""
         apart = self._apart(x, hub)
         off = ti.sqrt(apart[0] * apart[0] + apart[1] * apart[1])
-        covered = ti.math.clamp(0.5 + (self.radius[None] - off) / self.grid.dx, 0.0, 1.0)
+        covered = ti.math.clamp(0.5 + (self.radius - off) / self.grid.dx, 0.0, 1.0)
         return covered * ti.max(0.0, 1.0 - ti.abs(apart[2]) / self.grid.dx)
 
     @ti.func
@@ -149,7 +149,7 @@ class Downwash:
     def _middle(self, b):
         """Return the centre (3,) [m] of the rotors of the b-th drone."""
         p = self.place[self.first + b]
-        return ti.Vector([p[0], p[1], self.altitude[self.first + b] + self.height[None]])
+        return ti.Vector([p[0], p[1], self.altitude[self.first + b] + self.height])
 
     @ti.func
     def _push_face(self, u: Template, d: Template, K: Template, dt):

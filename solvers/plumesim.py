@@ -197,11 +197,11 @@ class ProgramMeander(Gas):
         start = np.add(gas.release_point, (gas.radius, 0.0))
         # the release itself lies exactly at this distance, and counts
         most = int((np.linalg.norm(self.place - start, axis=1) <= ROUNDING * gas.radius).sum())
-        self.share, self.full = ti.filled(100.0 / most), ti.filled(density_per_percent(gas))
+        self.share, self.full = 100.0 / most, density_per_percent(gas)
 
     def advance(self, t: float, dt: float) -> None:
         """Do nothing: the plume is static."""
 
     @ti.func
     def concentration(self, x: Template, t: float):
-        return self.full[None] * ti.min(100.0, self.share[None] * self.cloud.count(x))
+        return self.full * ti.min(100.0, self.share * self.cloud.count(x))

@@ -34,20 +34,17 @@ class PuffCells:
         self.grid, self.dim, self.cutoff = grid, grid.dim, cutoff
         sizes, shapes = self._lists_of(smallest)
         ends = np.cumsum([0, *map(prod, shapes)])
-        capacity = int(ends[-1])
         self._size = ti.filled(sizes)  # size of the largest puff in each list [m]
         self._shape = ti.filled_vectors(shapes)
         self._first = ti.filled(ends)
-        self.lists = ti.filled(len(sizes))  # number of lists
-        self._cells = ti.filled(capacity)  # number of cells of all lists
-        self._largest = ti.filled(0.999 * sizes[-1])
-        self._per_smallest = ti.filled(1.0 / float(np.float32(sizes[0])))
-        self.start: Field = ti.field(ti.i32, capacity + 1)
+        self.lists, self._cells = len(sizes), int(ends[-1])  # number of lists, and of the cells of all lists
+        self._largest, self._per_smallest = 0.999 * sizes[-1], 1.0 / float(np.float32(sizes[0]))
+        self.start: Field = ti.field(ti.i32, self._cells + 1)
         self.farthest: Field = ti.field(ti.f32, ())  # largest reach of any puff [m]
         self.order: Field = ti.field(ti.i32, most)
         self._cell: Field = ti.field(ti.i32, most)  # cell of each new puff; -1: left the domain
-        self._cursor: Field = ti.field(ti.i32, capacity)
-        self._blocks: Field = ti.field(ti.i32, capacity // BLOCK + 1)
+        self._cursor: Field = ti.field(ti.i32, self._cells)
+        self._blocks: Field = ti.field(ti.i32, self._cells // BLOCK + 1)
         self._rough_order: Field = None if on_cpu() else ti.field(ti.i32, most)
 
     def _lists_of(self, smallest: float) -> tuple[list[float], list[tuple[int, ...]]]:
@@ -66,13 +63,13 @@ class PuffCells:
     @ti.func
     def size(self, variance: float):
         """Return the standard deviation [m] with which a puff of this variance is shown, at most about the room."""
-        return ti.min(ti.sqrt(variance), self._largest[None])
+        return ti.min(ti.sqrt(variance), self._largest)
 
     @ti.func
     def put(self, k: ti.i32, x: Template, variance: float, stays):
         """Store the cell of new puff k at x; stays: False drops the puff, which left the domain."""
-        octaves = ti.log(self.size(variance) * self._per_smallest[None]) * ti.static(1 / np.log(STEP))
-        which = ti.math.clamp(ti.cast(ti.ceil(octaves), ti.i32), 0, self.lists[None] - 1)
+        octaves = ti.log(self.size(variance) * self._per_smallest) * ti.static(1 / np.log(STEP))
+        which = ti.math.clamp(ti.cast(ti.ceil(octaves), ti.i32), 0, self.lists - 1)
         width = WIDTH * self.cutoff * self._size[which]
         cell = 0
         for d in ti.static(range(self.dim - 1, -1, -1)):  # axis 0 runs fastest
@@ -88,7 +85,7 @@ class PuffCells:
     @ti.func
     def alive(self):
         """Return the number of sorted puffs."""
-        return self.start[self._cells[None]]
+        return self.start[self._cells]
 
     @ti.func
     def empty(self, which: ti.i32):
@@ -148,26 +145,26 @@ class PuffCells:
             self._order_in_parallel(count, number)
         for _ in range(1):
             self.farthest[None] = 0.0
-            for which in range(self.lists[None]):
+            for which in range(self.lists):
                 if not self.empty(which):
                     self.farthest[None] = self.reach(which)
 
     @ti.func
     def _order_serially(self, count: ti.i32):
         for _ in range(1):
-            for c in range(self._cells[None]):
+            for c in range(self._cells):
                 self._cursor[c] = 0
             for k in range(count):
                 c = self._cell[k]
                 if c >= 0:
                     self._cursor[c] = self._cursor[c] + 1
             total = 0
-            for c in range(self._cells[None]):
+            for c in range(self._cells):
                 n = self._cursor[c]
                 self.start[c] = total
                 self._cursor[c] = total
                 total += n
-            self.start[self._cells[None]] = total
+            self.start[self._cells] = total
             for k in range(count):
                 c = self._cell[k]
                 if c >= 0:
@@ -176,14 +173,14 @@ class PuffCells:
 
     @ti.func
     def _order_in_parallel(self, count: ti.i32, number: Template):
-        for c in range(self._cells[None]):
+        for c in range(self._cells):
             self._cursor[c] = 0
         for k in range(count):
             if self._cell[k] >= 0:
                 ti.atomic_add(self._cursor[self._cell[k]], 1)
         for b in range(self._blocks.shape[0]):
             total = 0
-            for c in range(b * BLOCK, ti.min((b + 1) * BLOCK, self._cells[None])):
+            for c in range(b * BLOCK, ti.min((b + 1) * BLOCK, self._cells)):
                 total += self._cursor[c]
             self._blocks[b] = total
         for _ in range(1):
@@ -192,10 +189,10 @@ class PuffCells:
                 n = self._blocks[b]
                 self._blocks[b] = total
                 total += n
-            self.start[self._cells[None]] = total
+            self.start[self._cells] = total
         for b in range(self._blocks.shape[0]):
             total = self._blocks[b]
-            for c in range(b * BLOCK, ti.min((b + 1) * BLOCK, self._cells[None])):
+            for c in range(b * BLOCK, ti.min((b + 1) * BLOCK, self._cells)):
                 n = self._cursor[c]
                 self.start[c] = total
                 self._cursor[c] = total

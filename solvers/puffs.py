@@ -113,7 +113,6 @@ class PuffSolver(Gas):
             strayed = self.deviation**2 * self.time
             diffusivity = self.species.diffusivity + strayed + self.growth.diffusive
             self.handover = Handover(self, wind.carrier, air, gas.convection, diffusivity)
-        self._weight = ti.filled(self.species.weight_per_density)
         self.emitted_kg = 0.0
         self._step = self._released = 0
 
@@ -226,7 +225,7 @@ class PuffSolver(Gas):
 
         g' 4/3 pi R³ = 1/2 C_d pi R² w², with the density excess of all gas at the ball's centre (our choice).
         """
-        excess = self._weight[None] * self.concentration(x, t)
+        excess = self.species.weight_per_density * self.concentration(x, t)
         square = ti.static(8.0 / 3.0 * GRAVITY / DRAG) * excess * 2.0 * self.puffs.cells.size(variance)
         return ti.select(square < 0.0, -1.0, 1.0) * ti.sqrt(ti.abs(square))
 
@@ -259,7 +258,7 @@ class PuffSolver(Gas):
         """Return the concentration [kg/m³] at point x [m]: sum over the puffs near x and near its mirror images."""
         below, above = self.walls.closed(x, self.puffs.cells.farthest[None], t)
         total = 0.0
-        for which in range(self.puffs.cells.lists[None]):
+        for which in range(self.puffs.cells.lists):
             if not self.puffs.cells.empty(which):
                 first, size, images = self.walls.images(x, self.puffs.cells.reach(which), below, above)
                 for n in range(images):

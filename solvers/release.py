@@ -130,7 +130,6 @@ class Release:
         self._cell = ti.filled_vectors(where + grid.ghost)
         self._owner = ti.filled(np.repeat(np.arange(len(balls)), [len(where) for where, _ in self.balls]))
         self._share = ti.field(ti.f64, self.cells)  # amount per volume of air
-        self._count = ti.filled(self.cells)
         self._amount = ti.field(ti.f64, len(balls))
         self.set_shares([part for _, part in self.balls])
 
@@ -215,9 +214,9 @@ class Release:
     @ti.func
     def _fill(self, source: Template, cut: Template, room: Template, a, b):
         for _ in range(1):  # balls may share cells
-            for n in range(self._count[None]):
+            for n in range(self.cells):
                 source[self._cell[n]] = 0.0
-            for n in range(self._count[None]):
+            for n in range(self.cells):
                 I = self._cell[n]
                 volume = ti.cast(self._amount[self._owner[n]] * self._share[n] * a, ti.f32)
                 if ti.static(cut):
@@ -227,7 +226,7 @@ class Release:
     @ti.func
     def _add_to(self, q: Template, rest: Template, a, b):
         for _ in range(1):  # balls may share cells
-            for n in range(self._count[None]):
+            for n in range(self.cells):
                 I = self._cell[n]
                 held = ti.cast(q[I], ti.f64) + ti.cast(rest[I], ti.f64)
                 held += self._amount[self._owner[n]] * self._share[n]

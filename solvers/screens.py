@@ -68,8 +68,8 @@ class ScreenResistance:
         self.cells = sum(self.counts)
         self.faces = [ti.filled_vectors(np.argwhere(faces)) for faces in held]
         self.share = ti.filled(share[share > 0])
-        self.a, self.b = (ti.filled(float(loss)) for loss in screen.losses(viscosity))
-        self.transverse = ti.filled(float(screen.transverse))
+        self.a, self.b = map(ti.filled, screen.losses(viscosity))
+        self.transverse = ti.filled(screen.transverse)
 
     @staticmethod
     def _cells(screen: Screen, grid: Grid, first: int, layers: int) -> np.ndarray:

@@ -129,7 +129,7 @@ class Transport:
         per_schmidt = np.float32(1.0 / float(np.float32(schmidt)))
         viscosity = np.float32(self.wind.viscosity if self.eddies else 0.0)
         still = np.float32(diffusivity) - viscosity * per_schmidt  # with nu_t/Sc_t = (nu - viscosity)/Sc_t
-        self._still, self._per_schmidt = ti.filled(still), ti.filled(per_schmidt)
+        self._still, self._per_schmidt = float(still), float(per_schmidt)
 
     def set_inflow(self, openings: Sequence[tuple[Patch, float]]) -> None:
         """Set q of the air that enters through openings (inlet, Dirichlet condition); elsewhere inflow has q = 0."""
@@ -149,9 +149,9 @@ class Transport:
     @ti.func
     def _diffusivity(self, I, D):
         """Return the diffusivity K + nu_t/Sc_t [m²/s] on the lower face of cell I along the unit vector D."""
-        K = self._still[None]
+        K = self._still
         if ti.static(self.eddies):
-            K += 0.5 * self._per_schmidt[None] * (self.wind.nu[I] + self.wind.nu[I - D])
+            K += 0.5 * self._per_schmidt * (self.wind.nu[I] + self.wind.nu[I - D])
         return K
 
     @ti.func

@@ -145,7 +145,7 @@ class StepKernel:
                         table[2 * n + i, k] = table[side * n + i, k]
             self._begin(e, what == FIRST)
         elif what == STEP:
-            t = self.trials.age[e] * self.trials.tick[None]
+            t = self.trials.age[e] * self.trials.tick
             for i in range(e * self.robots, (e + 1) * self.robots):
                 self.commands.take(i, self._flip(e), i, actions, t)
                 self.observation.remember(i, i, actions)
@@ -213,7 +213,7 @@ class StepKernel:
         """Compute rewards, end flags and info of environment e after a step or at the start of an episode."""
         found, searching, way, near = 0, 0, 0.0, FAR
         # the first tick of an episode, in which robots stand still, does not count
-        time = ti.min(self.trials.age[e] * self.trials.tick[None], self.n.most[None] * self.n.step[None])
+        time = ti.min(self.trials.age[e] * self.trials.tick, self.n.most[None] * self.n.step[None])
         for i in range(e * self.robots, (e + 1) * self.robots):
             searching = ti.max(searching, ti.cast(self.swarm.searches(i), ti.i32))
             if self.swarm.found[i] == 1:
