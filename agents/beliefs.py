@@ -47,7 +47,7 @@ class Beliefs:
         self.extent = tuple(clearance.high[d] - clearance.low[d] for d in range(2))
         self.cells = tuple(max(1, round(length / cell)) for length in self.extent)
         self.even = 1.0 / (self.cells[0] * self.cells[1])
-        self.p = ti.field(ti.f32, (members.size, *self.cells))
+        self.p = ti.filled(np.full((members.size, *self.cells), self.even))
 
     @ti.func
     def middle(self, a, b):

@@ -35,7 +35,8 @@ class Commands:
         self.size, self.drives, self.declares = len(self.names), model.act == "drive", model.declares
         self.p = Parameters(members, lambda group: {"step": float(cast(Policy, group.model.algorithm).step)})
         self.held = ti.vector_field(2, ti.f32, members.size)  # speed and turn rate over their limits
-        self.goal = ti.vector_field(2, ti.f32, members.size)  # believed place of the way point [m]
+        # believed place of the way point [m]
+        self.goal = ti.filled_vectors(swarm.believed_position[members.robot.to_numpy()])
 
     @ti.func
     def clear(self, n):

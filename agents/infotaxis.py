@@ -70,7 +70,6 @@ class AnyInfotaxis(KernelAlgorithm):
         self.half = int(np.ceil(hypot(*self.belief.extent) / self.spacing)) + 1
         self.chance = ti.filled(self._chances())
         self.downwind = ti.vector_field(2, ti.f32, self.size)  # mean of the measured wind so far
-        self.belief.p.fill(self.belief.even)
 
     def numbers(self, group: GroupRange, model: belief_algorithms.AnyInfotaxis) -> Numbers:
         return {

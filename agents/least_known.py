@@ -45,7 +45,6 @@ class LeastKnown(KernelAlgorithm):
         # the first way points [m] are the start positions, so that all robots ask for new ones
         start = swarm.start[group.slice]
         self.goal = ti.filled_vectors(start)
-        self.potential.mark.fill(np.inf)
         self.share, self.apart = self.model.share, self.model.apart
         self.room = group.model.body.radius + self.model.avoidance
         place = centers(self.map.shape, self.map.cell)

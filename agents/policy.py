@@ -35,7 +35,6 @@ class PolicyAlgorithm:
         (group,) = members.groups
         self.ticks = cast(Policy, group.model.algorithm).ticks(self.tick)
         self.waits = group.waits(tick) + 1
-        self._clear()
 
     def act(self, tick: int, t: float, dt: float) -> None:
         since = tick - self.waits
@@ -44,13 +43,6 @@ class PolicyAlgorithm:
         if decides:
             self.actions = self.network.act(self.observations, self.commands.size)
         self._command(int(decides), t, dt, self.actions)
-
-    @ti.kernel
-    def _clear(self):
-        ti.loop_config(serialize=ti.static(runs_serially(self.size)))
-        for n in range(self.size):
-            self.observation.clear(n)
-            self.commands.clear(n)
 
     @ti.kernel
     def _follow(self, dt: float, decides: int, elapsed: float, table: ti.types.ndarray(dtype=ti.f32, ndim=2)):

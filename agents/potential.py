@@ -36,7 +36,7 @@ PUSHES = 4  # corrections that move a way point out of obstacles
 class Potential:
     """Potential-field commands for robots: call `set_out` with each new way point, then `drive` in each time step.
 
-    parameters: must include the entries of `Potential.numbers`. Robots that never `set_out` start with `mark` inf.
+    parameters: must include the entries of `Potential.numbers`. Until the first `set_out`, `mark` is inf.
     """
 
     STATE = ("mark", "idle", "tries", "escape")
@@ -44,7 +44,7 @@ class Potential:
     def __init__(self, members: Members, parameters: Parameters):
         self.swarm, self.robot, self.p = members.swarm, members.robot, parameters
         n = members.size
-        self.mark = ti.vector_field(2, ti.f32, n)  # position at the last progress [m]
+        self.mark = ti.filled_vectors(np.full((n, 2), np.inf))  # position at the last progress [m]
         self.idle = ti.field(ti.f32, n)  # time since then [s]
         self.tries = ti.field(ti.i32, n)  # escapes since `set_out`
         self.escape = ti.field(ti.f32, n)  # remaining time of the present escape [s]

@@ -66,12 +66,9 @@ class Radio:
         for m in range(self.p.count[n]):
             self.time[n, m] = NEVER
 
-    def deliver(self, tick: int, t: float) -> None:
-        """Deliver the messages queued in this step, at time t [s], to teammates in range; some are lost at random."""
-        self._deliver(tick, t)
-
     @ti.kernel
-    def _deliver(self, tick: int, t: float):
+    def deliver(self, tick: int, t: float):
+        """Deliver the messages queued in this step, at time t [s], to teammates in range; some are lost at random."""
         ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n, m in ti.ndrange(*self.value.shape):
             other = n - self.p.mate[n] + m

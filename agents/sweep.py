@@ -41,7 +41,6 @@ class Sweep(KernelAlgorithm):
         self.length = ti.filled([len(way) for way in ways])  # number of way points
         self.next = ti.field(ti.i32, self.size)  # number of the present way point
         self.order = ti.filled(np.ones(self.size, int))  # +1: forwards, -1: back
-        self.potential.mark.fill(np.inf)
 
     def numbers(self, group: GroupRange, model: algorithms.Sweep) -> Numbers:
         return {**Potential.numbers(self.swarm, group, model.speed, model.avoidance), "repeat": model.repeat}

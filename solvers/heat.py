@@ -43,8 +43,6 @@ class HeatPuffs:
     seed and the number of a puff determine it, so there is no state.
     """
 
-    STATE = ()
-
     def __init__(self, release: Release, heat: Heat, seed: int):
         """release: of the heaters of `heat`."""
         self.release = release

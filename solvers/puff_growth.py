@@ -42,8 +42,6 @@ def rate_per_difference(dim: int) -> float:
 class Growth:
     """Law by which puffs grow in a wind: molecular and eddy diffusion, and relative dispersion."""
 
-    STATE = ()
-
     def __init__(self, gas: PuffGas, grid: Grid, wind: Wind, alone: bool):
         """alone: whether the wind has no eddies, so that puffs grow by a default rate."""
         self.grid, self.dim, self.wind = grid, grid.dim, wind

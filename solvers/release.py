@@ -106,8 +106,6 @@ class Release:
     balls: cells (n, dim) of each ball and the share of the release (n,) per cell.
     """
 
-    STATE = ()
-
     def __init__(
         self,
         name: str,

@@ -48,7 +48,6 @@ class Couriers:
         self.potential = Potential(members, parameters)
         goals = [np.tile(np.asarray(goals, float), (trials, 1)) for _, goals, _, trials in teams]
         self.goals = ti.filled_vectors(np.concatenate(goals))
-        self.potential.mark.fill(np.inf)
 
     @ti.kernel
     def act(self):
