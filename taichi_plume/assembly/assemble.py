@@ -290,7 +290,7 @@ def _starts(
         try:
             distance: Callable[..., np.ndarray] = clearance.distance_at
             if group.body.flies:
-                distance = partial(clearance.layers.distance_at, z=group.start_altitude)
+                distance = partial(clearance.layers.distance_above, z=group.start_altitude)
             where, heading = place(group, draws, distance, occupied)
         except ValueError as error:
             raise ScenarioError([f"robots[{n}].start: {error}"]) from None

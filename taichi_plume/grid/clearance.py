@@ -104,13 +104,14 @@ class HorizontalDistances:
         along_x = (1.0 - w[1]) * (v10 - v00) + w[1] * (v11 - v01)
         return ti.Vector([lower + w[1] * (upper - lower), along_x, upper - lower])
 
-    def _distance_at(self, points: np.ndarray, k: int) -> np.ndarray:
+    def distance_at(self, points: np.ndarray, k: int = 0) -> np.ndarray:
         """Return the clearance [m] of points (..., 2) in the range of height k, as `distance` but on the host."""
         points = np.asarray(points, float)
         walls = np.minimum(points - np.array(self.low), np.array(self.high) - points).min(axis=-1)
-        return np.minimum(walls, self._obstacle_distance_at(points, k))
+        return np.minimum(walls, self.obstacle_distance_at(points, k))
 
-    def _obstacle_distance_at(self, points: np.ndarray, k: int) -> np.ndarray:
+    def obstacle_distance_at(self, points: np.ndarray, k: int = 0) -> np.ndarray:
+        """Return the distance [m] from points (..., 2) to obstacles alone; off the floor, from its nearest point."""
         where = (np.asarray(points, float) - np.array(self.low)).reshape(-1, 2).T / self.resolution
         distances = ndimage.map_coordinates(self._values[k], where, order=1, mode="nearest")
         return distances.reshape(points.shape[:-1])
@@ -137,11 +138,3 @@ class ClearanceMap(HorizontalDistances):
         size = (float(high[0]) - float(low[0]), float(high[1]) - float(low[1]))
         resolution = resolution or clearance_resolution(size)
         super().__init__(shapes, low, high, resolution, [(base, base + body_height)])
-
-    def distance_at(self, points: np.ndarray) -> np.ndarray:
-        """Return the clearance [m] of points (..., 2), as `distance` but on the host."""
-        return self._distance_at(points, 0)
-
-    def obstacle_distance_at(self, points: np.ndarray) -> np.ndarray:
-        """Return the distance [m] from points (..., 2) to obstacles alone; off the floor, from its nearest point."""
-        return self._obstacle_distance_at(points, 0)

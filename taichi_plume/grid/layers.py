@@ -47,9 +47,9 @@ class Layers(HorizontalDistances):
             k += ti.cast(z >= self.levels[n], ti.i32)
         return k
 
-    def distance_at(self, points: np.ndarray, z: float) -> np.ndarray:
+    def distance_above(self, points: np.ndarray, z: float) -> np.ndarray:
         """Return the clearance [m] of points (..., 2) at the altitude z [m], as `distance` but on the host."""
-        return self._distance_at(points, int(np.searchsorted(self._levels, z, side="right")) - 1)
+        return self.distance_at(points, int(np.searchsorted(self._levels, z, side="right")) - 1)
 
 
 def levels(shapes: list[Shape], ceiling: float, body_height: float) -> np.ndarray:
