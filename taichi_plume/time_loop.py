@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from taichi_plume.agents.swarm import Swarm
     from taichi_plume.files.gaden import Cubes
     from taichi_plume.grid.shapes import Shape
-    from taichi_plume.solvers.heat import HeatSolver
 
 
 class UnstableError(RuntimeError):
@@ -174,10 +173,6 @@ class TimeLoop:
     """
     forces: Callable[[], np.ndarray] | None = None
     """Force of the air on each obstacle [N], shape (obstacles, dim); None if unknown."""
-    pressure: Any = None
-    """Field of the air's pressure over its density [m²/s²]; None if unknown."""
-    heat: "HeatSolver | None" = None
-    """Temperature of the air: `theta`, a field [K] above its `reference`; None if not computed."""
     observers: list[Every] = field(default_factory=list, init=False)
     """Observers that are called when they are due; append your own."""
     step_observers: list[EveryStep] = field(default_factory=list, init=False)

@@ -290,7 +290,7 @@ class Simulation:
 
         Raises InputError if the scenario computes none.
         """
-        heat = self.loop.heat
+        heat = self.loop.wind.heat
         if heat is None:
             raise InputError("the scenario computes no temperature; give wind.buoyancy.heat")
         values = self._sampled()[-1] + np.float32(heat.reference)
@@ -348,7 +348,7 @@ class Simulation:
     def _sampler(self) -> Sampler:
         loop = self.loop
         points = loop.grid.centers().reshape(-1, loop.grid.dim)
-        cells = [] if loop.heat is None else [loop.heat.theta]
+        cells = [] if loop.wind.heat is None else [loop.wind.heat.theta]
         return Sampler(points, loop.wind, loop.gas, cells, loop.air.solid, loop.grid)
 
     def _sampled(self) -> np.ndarray:

@@ -115,11 +115,10 @@ def build(
     mapped = Floor(extent, max(1, swarm.trials), most, scenario.tick, clearance.obstacle_distance_at)
     maps = mappers(scenario.maps, mapped)
     rebuild = partial(_rebuild, prepared, film, driven)
-    sim = TimeLoop(scenario, grid, wind, gas, swarm, sensors, driving, maps, seen, air, rebuild)
-    if isinstance(wind, FlowSolver):
-        sim.pressure, sim.heat = wind.p, wind.heat
-        sim.forces = Forces(wind, air, len(resources.obstacles)) if wind.area is not None else None
-    return sim
+    forces = None
+    if isinstance(wind, FlowSolver) and wind.area is not None:
+        forces = Forces(wind, air, len(resources.obstacles))
+    return TimeLoop(scenario, grid, wind, gas, swarm, sensors, driving, maps, seen, air, rebuild, forces)
 
 
 def _rebuild(

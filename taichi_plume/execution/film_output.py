@@ -58,7 +58,7 @@ class Filming:
         if "gas" in model.quantities:
             moving += [f"{GAS}{species.name}" for species in sim.gas.species]
             attributes["gases"] = _origins(scenario)
-        self.heat = sim.heat if "temperature" in model.quantities else None
+        self.heat = sim.wind.heat if "temperature" in model.quantities else None
         moving += ["temperature"] if self.heat is not None else []
         self.frames, self.closing = 0, ExitStack()
         species = sim.gas.species if "gas" in model.quantities else ()

@@ -24,20 +24,20 @@ class ProbeTable(GrowingTable):
     STATE = (*GrowingTable.STATE, "next", "before", "values_before")
 
     def __init__(self, sim: TimeLoop, path: Path, model: Probes):
-        self.model, self.heat = model, sim.heat
+        self.model, self.heat = model, sim.wind.heat
         places = np.concatenate([probe.places for probe in model.points])
-        cells = [field for field in (sim.pressure, sim.heat and sim.heat.theta) if field is not None]
+        cells = [field for field in (sim.wind.p, self.heat and self.heat.theta) if field is not None]
         self.sampler = Sampler(places, sim.wind, sim.gas, cells, sim.air.solid, sim.grid)
         axes = "xyz"[: sim.grid.dim]
         measured = [(f"wind_{a}", "m/s", f"velocity of the air along {a}", {}) for a in axes]
         for gas in sim.gas.species:
             density = {"kg_per_m3": f"{1 / gas.ppm_per_density:.9g}"}
             measured.append((f"{gas.name}_ppm", "ppm", f"mole fraction of {gas.name}", density))
-        if sim.pressure is not None:
+        if sim.wind.p is not None:
             measured.append(
                 ("pressure", "Pa", "over that outside of an outlet; without an outlet, up to a constant", {})
             )
-        if sim.heat is not None:
+        if self.heat is not None:
             measured.append(("temperature", "K", "of the air", {}))
         self.measured = [column(name, pa.float32(), *about, **more) for name, *about, more in measured]
         who = [

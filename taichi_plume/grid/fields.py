@@ -19,9 +19,15 @@ Faces = tuple[Field, ...]
 
 
 class Wind(Protocol):
-    """Protocol of winds (moving air)."""
+    """Protocol of winds (moving air).
+
+    p: cell field of the pressure over the density [m²/s²]; heat: temperature of the air, see `HeatSolver`. None if not
+    computed.
+    """
 
     STATE: ClassVar[tuple[str, ...]] = ()
+    p: Any = None
+    heat: Any = None
 
     def stable_dt(self, t: float = 0.0) -> float:
         """Return the longest stable step [s] of `advance` from time t, by the Courant number (CFL); else infinite."""

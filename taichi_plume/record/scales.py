@@ -56,7 +56,7 @@ def quantities(sim: TimeLoop) -> list[Quantity]:
         found.append(_gas("gas", several, scale, sim))
         if len(several) > 1:
             found += [_gas(f"gas/{n}", [n], scale, sim) for n in several]
-    if sim.heat is not None and sim.scenario.heat is not None:
+    if sim.wind.heat is not None and sim.scenario.heat is not None:
         found.append(_temperature(sim, sim.scenario.heat))
     return found
 
@@ -86,7 +86,7 @@ def _gas(entity: str, which: list[int], scale: Scale, sim: TimeLoop) -> Quantity
 
 
 def _temperature(sim: TimeLoop, heat: Heat) -> Quantity:
-    theta, reference = sim.heat.theta, sim.heat.reference
+    theta, reference = sim.wind.heat.theta, sim.wind.heat.reference
 
     def cells(sim: TimeLoop) -> np.ndarray:
         return sim.grid.read(theta) + np.float32(reference)

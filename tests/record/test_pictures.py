@@ -124,7 +124,7 @@ HEATED = {
 def test_temperature_is_recorded_where_it_is_solved_for(tmp_path):
     sim = assemble(Scenario.model_validate(HEATED))
     found = recorded(sim, tmp_path / "a.rrd")
-    theta = sim.grid.read(sim.heat.theta) + 295
+    theta = sim.grid.read(sim.wind.heat.theta) + 295
     section = ppm(found["/temperature/section"])
     expected = (theta[:, 3] + theta[:, 4]) / 2  # y = 0.4 m is between these
     (low,), (high,) = found["/temperature/section"]["low"], found["/temperature/section"]["high"]
