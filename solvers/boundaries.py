@@ -47,13 +47,7 @@ class Boundaries:
         "_blown",
     )
 
-    def __init__(
-        self,
-        openings: tuple[Opening, ...],
-        grid: Grid,
-        area: Sequence[np.ndarray],
-        seed: int = 0,
-    ):
+    def __init__(self, openings: tuple[Opening, ...], grid: Grid, area: Sequence[np.ndarray], seed: int = 0):
         """Place the openings; area: area fractions of the faces; seed: for turbulent inflow. Raises ValueError for an
         opening without air.
         """

@@ -37,6 +37,7 @@ from taichi_plume.grid.layers import Layers
 from taichi_plume.grid.level_set import LevelSet
 from taichi_plume.grid.rng import generator
 from taichi_plume.scenario.algorithms import Own
+from taichi_plume.scenario.gases import PureGas
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.scenario import Scenario
@@ -103,7 +104,7 @@ def build(
     weighing = [BuoyantScalar(scalar.q, weights[path], scalar.source) for path, scalar in scalars.items()]
     context = Context(scenario, resources, grid, air, scalars, weighing, _stirring(scenario, swarm, grid))
     wind = _wind(context, film)
-    gas = Mixture([_gas(context, path, wind, film) for path, _ in scenario.gases])
+    gas = Mixture([_gas(context, path, model, wind, film) for path, model in scenario.gases])
     if film is None:
         set_initial_conditions(scenario, resources, wind, gas.gases)
     sensors = Sensors(swarm, grid.dim, scenario.tick, gas.species, partial(_around, scenario, grid, air))
@@ -211,8 +212,7 @@ def _wind(context: Context, film: TickFilm | None) -> Wind:
         raise ScenarioError([f"wind.{error}"]) from None
 
 
-def _gas(context: Context, path: str, wind: Wind, film: TickFilm | None) -> Gas:
-    model = dict(context.scenario.gases)[path]
+def _gas(context: Context, path: str, model: PureGas, wind: Wind, film: TickFilm | None) -> Gas:
     if film is not None and path in film.gases:
         return TickGas(film, film.gases.index(path), model, context.grid, context.air, context.start)
     try:
@@ -264,10 +264,7 @@ def _drivers(
 
 def _places(scenario: Scenario) -> np.ndarray:
     """Return the positions of the gas sources, (m, 3) [m]; in 2-D z is 0."""
-    places = np.zeros((len(scenario.sources), 3))
-    for row, (_, source) in zip(places, scenario.sources, strict=True):
-        row[: len(source.position)] = source.position
-    return places
+    return np.reshape([(*source.position, 0.0)[:3] for _, source in scenario.sources], (-1, 3))
 
 
 def _start_generator(seed: int, group: int, trial: int) -> np.random.Generator:

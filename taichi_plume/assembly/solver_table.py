@@ -97,11 +97,9 @@ def make_gas(model: OneGas, path: str, ctx: Context, wind: Wind) -> Gas:
 
 
 def _make(kinds: dict[str, str], model: Model, path: str, ctx: Context, **parts: Any) -> Any:
-    scenario, resources = ctx.scenario, ctx.resources
-    parts |= {
-        "grid": ctx.grid, "extent": ctx.grid.extent, "air": ctx.air, "name": path, "seed": scenario.seed_of_air,
-        "t": ctx.start, "frames": resources.frames.get(path), "openings": scenario.openings,
-        "scalar": ctx.scalars.get(path), "weighing": ctx.weighing, "resistances": ctx.resistances,
+    parts |= vars(ctx) | {
+        "extent": ctx.grid.extent, "name": path, "seed": ctx.scenario.seed_of_air, "t": ctx.start,
+        "frames": ctx.resources.frames.get(path), "openings": ctx.scenario.openings, "scalar": ctx.scalars.get(path),
     }  # fmt: skip
     solver = _solver(kinds[vars(model)["kind"]])
     _, *names = signature(solver).parameters
