@@ -80,7 +80,7 @@ class LineSensors(GasSensors):
         end = self.beam.range[n]
         for d in ti.static(range(self.dim)):
             if e[d] > 0.0:
-                end = ti.min(end, (ti.static(self.around.extent[d]) - x[d]) / e[d])
+                end = ti.min(end, (self.around.extent[d] - x[d]) / e[d])
             elif e[d] < 0.0:
                 end = ti.min(end, -x[d] / e[d])
         end = ti.max(self._of_walkers(x, e, end), 0.0)

@@ -157,7 +157,7 @@ class Bodies:
                 i = (i + n) % n
             elif i < 0 or i >= n + ti.static(int(e == d)):
                 inside = 0
-            I[e] = i + ti.static(self.grid.ghost)
+            I[e] = i + self.grid.ghost
         if inside == 1 and self.pace[None] > 0.0:
             share = self.share(x, b)
             if share > 0.0 and self.open[d][I] > 0.0:

@@ -117,7 +117,7 @@ class Downwash:
                 i = (i + n) % n
             elif i < 0 or i >= n + ti.static(int(e == d)):
                 inside = 0
-            I[e] = i + ti.static(self.grid.ghost)
+            I[e] = i + self.grid.ghost
         return I, x, inside
 
     @ti.func

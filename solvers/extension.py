@@ -122,10 +122,10 @@ class Extension:
     @ti.func
     def _extend(self, a, b):
         for d in ti.static(range(self.grid.dim)):
-            for k in range(ti.static(self._beside_count[d])):
+            for k in range(self._beside_count[d]):
                 self._slip[d][k] = self.surfaces.slip(d, self._beside[d][k])
         for d in ti.static(range(self.grid.dim)):
-            for k in range(ti.static(self._count[d])):
+            for k in range(self._count[d]):
                 total = 0.0
                 for m in range(ti.select(k > 0, self._end[d][ti.max(k - 1, 0)], 0), self._end[d][k]):
                     total += self._weight[d][m] * self._slip[d][self._source[d][m]]
@@ -134,5 +134,5 @@ class Extension:
     @ti.func
     def _clear(self, a, b):
         for d in ti.static(range(self.grid.dim)):
-            for k in range(ti.static(self._count[d])):
+            for k in range(self._count[d]):
                 self.surfaces.m.u[d][self._face[d][k]] = 0.0

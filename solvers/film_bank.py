@@ -103,7 +103,7 @@ class FilmBank:
         for g in ti.static(range(self.gases)):
             if chosen < 0 or chosen == g:
                 value = self._value(film, n, share, low, weights, 2 + g)
-                result[ti.static(self._which[g])] += value * self._scale[film, g]
+                result[self._which[g]] += value * self._scale[film, g]
         return result
 
 

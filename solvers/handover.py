@@ -52,7 +52,7 @@ class Handover:
             puffs = self.solver.puffs
             for q in range(puffs.cells.alive()):
                 variance = puffs.now[puffs.variance][q]
-                if variance >= ti.static(self.limit):
+                if variance >= self.limit:
                     narrow = ti.sqrt(variance - ti.static(WIDENED * self.grid.dx**2))
                     mass = puffs.now[puffs.mass][q]
                     held = self._deposit.add(0, q, narrow, t)

@@ -95,7 +95,7 @@ class Deposit:
                 elif part > 0.0:
                     I = self._cell(first, size, m)
                     share = ti.cast(part / given, ti.f32)
-                    self._give(I, mass * share / (self.room[I] * ti.static(self.grid.cell_volume)))
+                    self._give(I, mass * share / (self.room[I] * self.grid.cell_volume))
         return ti.select(given > 0.0, held, 0.0)
 
     @ti.func
@@ -129,7 +129,7 @@ class Deposit:
         """Return the padded index of cell m in a puff's block of cells."""
         I, left = first, m
         for d in ti.static(range(self.dim)):
-            I[d] = first[d] + left % size[d] + ti.static(self.grid.ghost)
+            I[d] = first[d] + left % size[d] + self.grid.ghost
             left = left // size[d]
         return I
 
@@ -142,7 +142,7 @@ class Deposit:
             k = left % size[d]
             left = left // size[d]
             part *= self._share[lane, d, k]
-            center = (first[d] + k + 0.5) * ti.static(self.grid.dx)
+            center = (first[d] + k + 0.5) * self.grid.dx
             before += self.solver.puffs.plane_normal(q, d) * (center - x[d])
         I = self._cell(first, size, m)
         room = self.room[I]
@@ -158,7 +158,7 @@ class Deposit:
         for d in ti.static(range(self.dim)):
             n = ti.static(self.grid.shape[d])
             home[d] = ti.static(self.grid.ghost) + ti.math.clamp(
-                ti.cast(x[d] / ti.static(self.grid.dx), ti.i32), 0, n - 1
+                ti.cast(x[d] / self.grid.dx, ti.i32), 0, n - 1
             )
             left[d] = home[d] - I[d]
         J, free = I, 1.0

@@ -89,7 +89,7 @@ class Growth:
         I = ti.Vector.zero(ti.i32, self.dim)
         for d in ti.static(range(self.dim)):
             n = ti.static(self.grid.shape[d])
-            I[d] = ti.math.clamp(ti.cast(x[d] / ti.static(self.grid.dx), ti.i32), 0, n - 1)
+            I[d] = ti.math.clamp(ti.cast(x[d] / self.grid.dx, ti.i32), 0, n - 1)
         for e in ti.static(range(self.dim)):
             low, high = I, I
             low[e] -= HALF
@@ -102,7 +102,7 @@ class Growth:
                 ghost = ti.static(self.grid.ghost)
                 square += (self.u[d][high + ghost] - self.u[d][low + ghost]) ** 2
             cells = ti.cast(ti.max(high[e] - low[e], 1), ti.f32)
-            total += ti.sqrt(square) * ti.pow(cells * ti.static(self.grid.dx), -1.0 / 3.0)
+            total += ti.sqrt(square) * ti.pow(cells * self.grid.dx, -1.0 / 3.0)
         return total * ti.static(1.0 / self.dim)
 
     @ti.func

@@ -97,7 +97,7 @@ class PuffList:
         """Return puff q's distance from the tangent plane of the nearest surface [m]; FREE if out of reach."""
         away = FREE
         if ti.static(self.walled):
-            away = self._plane[ti.static(self.dim)][q]
+            away = self._plane[self.dim][q]
         return away
 
     @ti.func
@@ -111,7 +111,7 @@ class PuffList:
     @ti.func
     def in_front(self, q: ti.i32, p: Template):
         """Return the distance of point p from the tangent plane of the surface near puff q [m]; negative behind it."""
-        result = self._plane[ti.static(self.dim)][q]
+        result = self._plane[self.dim][q]
         for d in ti.static(range(self.dim)):
             result += self._plane[d][q] * (p[d] - self.now[d][q])
         return result
@@ -181,7 +181,7 @@ class PuffList:
                 away = FREE
             for d in ti.static(range(self.dim)):
                 self._plane[d][q] = n[d]
-            self._plane[ti.static(self.dim)][q] = away
+            self._plane[self.dim][q] = away
 
     # ---------------------------------------------------------------- merging
 
@@ -246,7 +246,7 @@ class PuffList:
         y = square * self._per_area[q]
         result = self.gaussian(y)
         if ti.static(self.walled):
-            away, before = self._plane[ti.static(self.dim)][q], self.in_front(q, p)
+            away, before = self._plane[self.dim][q], self.in_front(q, p)
             mirrored = y + 4.0 * away * before * self._per_area[q]
             result = ti.select(before > 0.0, result + self.gaussian(mirrored), 0.0)
         return self._weight[q] * result

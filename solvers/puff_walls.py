@@ -33,7 +33,7 @@ class PuffWalls:
         p = self.inside(x)
         for d in ti.static(range(self.dim)):
             p[d] = ti.select(face == 2 * d, 0.0, p[d])
-            p[d] = ti.select(face == 2 * d + 1, ti.static(self.grid.extent[d]), p[d])
+            p[d] = ti.select(face == 2 * d + 1, self.grid.extent[d], p[d])
         u = self.wind.velocity(p, t)
         speed = 0.0
         for d in ti.static(range(self.dim)):

@@ -89,7 +89,7 @@ class LevelSet:
     @ti.func
     def _corner(self, x: Template):
         shift = ti.Vector.zero(ti.f32, self.dim)
-        return corner(self.wrapped(x), shift, ti.static(self.step), 0, self.field.shape)
+        return corner(self.wrapped(x), shift, self.step, 0, self.field.shape)
 
     @ti.func
     def distance(self, x: Template):
