@@ -82,8 +82,9 @@ def test_other_programs_that_are_not_there(tmp_path):
     args = clock._arguments([])
     assert clock._jax_box(16, 2, args) == {}
     assert clock._openfoam(0.05, 2, args) == {}
-    args = clock._arguments(["--openfoam-seconds", "1.5", "130"])
-    assert [clock._openfoam(dx, 2, args)[clock.FOAM] for dx in clock.SPACINGS] == [1.5, 130.0]
+    args = clock._arguments(["--openfoam-seconds", "3", "1.5", "130", "40"])
+    times = [clock._openfoam(dx, 2, args) for dx in clock.SPACINGS]
+    assert times == [{clock.FOAM: 3.0, clock.EMPTY: 1.5}, {clock.FOAM: 130.0, clock.EMPTY: 40.0}]
     with pytest.raises(RuntimeError, match="OpenFOAM made 0 of 11 steps"):
         openfoam.arena(0.25, 1, True, str(tmp_path / "no_bashrc"))
 
