@@ -9,8 +9,10 @@ M is the capacitance matrix (Buzbee, Dorr, George & Golub 1971, doi:10.1137/0708
 Comp. 33, 849-879). In closed-off cells x continues harmonically, unseen by the air.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
+from math import prod, sqrt
 
 import numpy as np
 import scipy.linalg
@@ -19,7 +21,7 @@ from scipy.sparse.csgraph import connected_components
 
 from taichi_plume.engine.fields import Field
 from taichi_plume.grid.grid import Grid
-from taichi_plume.solvers.direct import Balance, FastTransforms, Window, angles
+from taichi_plume.solvers.direct import Balance, FastTransforms, angles, eigenvalues
 from taichi_plume.solvers.poisson import OpenFractions
 
 ENTRIES = 1 << 25  # entries of the Green's function that are computed at a time
@@ -117,11 +119,13 @@ class GreensFunction:
     Along each axis a solution depends on the distance and, as ends mirror, on the distance from the mirror image.
     """
 
-    def __init__(self, box: FastTransforms):
+    def __init__(self, kinds: Sequence[str], shape: Sequence[int]):
         # cells in a line along the last (shortest) axis share two of three steps
-        self.order = sorted(range(len(box.kinds)), key=lambda d: -box.grid.shape[d])
-        self.kinds = [box.kinds[d] for d in self.order]
-        table = (1.0 / box.eigenvalues).transpose(self.order)
+        self.order = sorted(range(len(kinds)), key=lambda d: -shape[d])
+        self.kinds = [kinds[d] for d in self.order]
+        lines = [eigenvalues(angles(kinds[d], shape[d])) for d in self.order]
+        total = np.asarray(sum(np.meshgrid(*lines, indexing="ij")))
+        table = np.divide(1.0, total, out=np.zeros_like(total), where=total > 1e-12)
         if len(self.kinds) == 2:
             table, self.kinds = table[..., None], [*self.kinds, "periodic"]
         for axis, kind in enumerate(self.kinds):
@@ -171,25 +175,75 @@ def _images(kind: str, i: np.ndarray, j: np.ndarray) -> list[tuple[int, np.ndarr
     return direct if kind == "periodic" else [*direct, (-1 if kind[0] == "f" else 1, i[:, None] + j + 1)]
 
 
+class Window:
+    """Transforms between modes and selected cells only, by matrices over the rows and layers that have such cells.
+
+    Arrays of the window have the axes (layers, columns, rows), without layers in 2-D. place: indices of the selected
+    cells in such arrays, flattened.
+    """
+
+    def __init__(self, box: FastTransforms, cells: np.ndarray):
+        """Prepare the matrices; cells: numbers of the selected cells, axis 0 fastest."""
+        lines, where = zip(
+            *(
+                np.unique(index, return_inverse=True)
+                for index in np.unravel_index(cells, box.grid.shape, order="F")
+            ),
+            strict=True,
+        )
+        order = (2, 0, 1)[3 - len(lines) :]
+        self.place = np.ravel_multi_index([where[d] for d in order], [len(lines[d]) for d in order])
+        self.size = prod(len(line) for line in lines)
+        self.selection = slice(None), lines[0], slice(box.modes[0].count)
+        self.there = [m.matrices[0][:, line] for m, line in zip(box.modes, lines[1:], strict=True)]
+        self.back = [m.matrices[1][line] for m, line in zip(box.modes, lines[1:], strict=True)]
+
+    def values(self, waves: np.ndarray) -> np.ndarray:
+        """Return the values for amplitudes of the box's modes, flattened."""
+        first, *second = self.back
+        x = waves[self.selection]
+        x = x.reshape(-1, x.shape[-1]) @ first.T
+        for matrix in second:
+            x = matrix @ x.reshape(matrix.shape[1], -1)
+        return x.reshape(-1)
+
+    def waves(self, x: np.ndarray) -> np.ndarray:
+        """Return the amplitudes, those of `selection`, for values x, flattened."""
+        first, *second = self.there
+        for matrix in second:
+            x = matrix @ x.reshape(matrix.shape[1], -1)
+        x = x.reshape(-1, first.shape[1]) @ first.T
+        return x.reshape(-1, len(self.selection[1]), len(first))
+
+
 class Capacitance:
-    """Poisson solver of the pressure: fast transforms of the empty box, capacitance matrix for obstacles."""
+    """Poisson solver of the pressure: transforms of the empty box, capacitance matrix for obstacles."""
 
     def __init__(self, changes: Changes, grid: Grid):
         self.grid = grid
         self.iterations = 1
         self.box = FastTransforms(changes.kinds, grid)
-        self.air = changes.air.reshape(grid.shape[::-1]).astype(np.float32)
         self.near, self.reach = changes.near, changes.reach
-        self.changes = changes.matrix.astype(np.float32)
+        self.window = Window(self.box, self.reach)
+        entries = changes.matrix.tocoo()
+        places = entries.row, self.window.place[entries.col]
+        shape = len(self.near), self.window.size
+        self.changes = sp.csr_array((entries.data.astype(np.float32), places), shape=shape)
+        self.sources = np.zeros(self.window.size, np.float32)
+        self.place = self.window.place[np.searchsorted(self.reach, self.near)]
         self.cells, self.balance = np.flatnonzero(changes.air), Balance(changes.part, changes.floating)
-        self.window = Window(self.box, self.reach, self.near)
+        closed_off = np.unravel_index(np.flatnonzero(~changes.air), grid.shape, order="F")
+        self.closed_off = np.ravel_multi_index(
+            [index + grid.ghost for index in closed_off], grid.padded, order="F"
+        )
+        self.constant = np.float32(sqrt(prod(grid.shape[1:])))  # amplitude of the constant 1
         self._invert(changes.matrix)
 
     def _invert(self, changes: sp.csr_array) -> None:
         places = [
             np.stack(np.unravel_index(c, self.grid.shape, order="F"), axis=1) for c in (self.reach, self.near)
         ]
-        matrix = GreensFunction(self.box).apply(changes, *places)
+        matrix = GreensFunction(self.box.kinds, self.grid.shape).apply(changes, *places)
         matrix[np.diag_indices_from(matrix)] += 1.0
         if self.box.singular:  # pair the free constant of B with the mean source, which B cannot have
             ones = np.ones((1, len(matrix)))
@@ -200,23 +254,23 @@ class Capacitance:
     def solve(self, b: Field, phi: Field, tolerance: float) -> None:
         """Solve the Poisson equation for the right side b into the inner cells of phi, exactly for any tolerance."""
         del tolerance
-        right = self.grid.read(b).T
-        right *= self.air
+        box, waves, trial = self.box, self.box.waves, self.box.trial
+        right = box.rows(b)
         if self.balance.any:
+            right = right.copy()
             flat = right.reshape(-1)
             flat[self.cells] -= self.balance.excess(flat[self.cells]).astype(np.float32)
-        inflow = right.sum(dtype=np.float64) if self.box.singular else 0.0
-        waves = self.box.forward(right)
-        waves *= self.box.inverse
-        missed = self.changes @ self.window.values(waves)
-        if self.box.singular:
-            missed = np.append(missed, np.float32(inflow))
+        box.forward(right)
+        np.copyto(trial.values, waves.values)
+        trial.solve()
+        missed = self.changes @ self.window.values(trial.values)
+        if box.singular:
+            missed = np.append(missed, self.constant * waves.values[0, :, 0].sum())
         sources = self.inverse @ missed
-        unseen = self.window.waves(sources[: len(self.near)])
-        unseen *= self.box.inverse
-        waves -= unseen
-        solution = self.box.backward(waves)
-        if self.box.singular:
-            solution += sources[-1]
-        solution *= self.air
-        self.grid.write(phi, solution.T)
+        self.sources[self.place] = sources[: len(self.place)]
+        waves.values[self.window.selection] -= self.window.waves(self.sources)
+        waves.solve()
+        if box.singular:
+            waves.values[0, :, 0] += self.constant * sources[-1]
+        box.backward(box.rows(phi))
+        phi.flat[self.closed_off] = 0.0

@@ -1,8 +1,10 @@
-"""Direct solvers of the Poisson equation of the pressure projection: sparse LU factors, and FFTs of empty boxes."""
+"""Direct solvers of the Poisson equation of the pressure projection: sparse LU factors; FFTs and tridiagonal equations
+for empty boxes.
+"""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cached_property
 from math import prod
-from typing import Any
 
 import numpy as np
 import scipy.fft
@@ -14,6 +16,7 @@ from taichi_plume.engine.fields import Field
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import FEW_CELLS
 from taichi_plume.solvers.poisson import OpenFractions
+from taichi_plume.solvers.tridiagonal import Amplitudes, Tridiagonal
 
 DENSE = 100  # cells of an axis up to which a product with a matrix takes less than a fast transform
 
@@ -66,12 +69,78 @@ class SparseFactors:
         self.grid.write(phi, flat.reshape(self.grid.shape, order="F"))
 
 
-class FastTransforms:
-    """Poisson solver of a box without obstacles: cosine, sine and Fourier transforms diagonalise the equations.
+class Modes:
+    """Modes of an axis: real eigenvectors of its second differences, by cosine, sine and Fourier transforms.
 
-    Each face of the domain must be closed, free or periodic as a whole. Closed ends are even, free ends odd about the
-    domain's face, which is half a cell from the first centre: types II and IV (Strang 1999,
-    doi:10.1137/S0036144598336745).
+    Closed ends are even, free ends odd about the domain's face, which is half a cell from the first centre: types II
+    and IV (Strang 1999, doi:10.1137/S0036144598336745). The amplitudes of a periodic axis are the real parts of its
+    Fourier transform, then the imaginary parts. All transforms are orthonormal.
+    """
+
+    def __init__(self, kind: str, n: int, workers: int):
+        """Prepare the transforms of n values; kind: closed, free, periodic, closed-free or free-closed."""
+        self.kind, self.n, self.workers = kind, n, workers
+        phases = angles(kind, n)
+        if kind == "periodic":
+            phases = np.tile(phases[: n // 2 + 1], 2)
+        self.eigenvalues = eigenvalues(phases)
+        self.count = len(phases)
+
+    @cached_property
+    def matrices(self) -> tuple[np.ndarray, np.ndarray]:
+        """Matrices of the transform (count, n) and of its inverse (n, count)."""
+        there, back = self._forward(np.eye(self.n), 0), self._backward(np.eye(self.count), 0)
+        return np.asfortranarray(there, np.float32), np.asfortranarray(back, np.float32)
+
+    def forward(self, x: np.ndarray, axis: int, out: np.ndarray) -> None:
+        """Write the amplitudes of values x along `axis`, the last one (-1) or the one before it (-2), to `out`."""
+        if self.n <= DENSE:
+            _multiply(self.matrices[0], x, axis, out)
+        else:
+            out[...] = self._forward(x, axis)
+
+    def backward(self, x: np.ndarray, axis: int, out: np.ndarray) -> None:
+        """Write the values for amplitudes x of the modes to `out`, the inverse of `forward`."""
+        if self.n <= DENSE:
+            _multiply(self.matrices[1], x, axis, out)
+        else:
+            out[...] = self._backward(x, axis)
+
+    def _forward(self, x: np.ndarray, axis: int) -> np.ndarray:
+        if self.kind == "periodic":
+            waves = scipy.fft.rfft(x, axis=axis, norm="ortho", workers=self.workers)
+            return np.concatenate([waves.real, waves.imag], axis)
+        return self._mirrored(scipy.fft.dst if self._odd else scipy.fft.dct, x, axis)
+
+    def _backward(self, x: np.ndarray, axis: int) -> np.ndarray:
+        if self.kind == "periodic":
+            real, imaginary = np.split(x, 2, axis)
+            waves = real + 1j * imaginary
+            return np.asarray(scipy.fft.irfft(waves, self.n, axis, norm="ortho", workers=self.workers))
+        return self._mirrored(scipy.fft.idst if self._odd else scipy.fft.idct, x, axis)
+
+    @property
+    def _odd(self) -> bool:
+        """Whether the modes are odd about the axis's lower end."""
+        return self.kind.startswith("free")
+
+    def _mirrored(self, transform: Callable, x: np.ndarray, axis: int) -> np.ndarray:
+        return transform(x, 4 if "-" in self.kind else 2, axis=axis, norm="ortho", workers=self.workers)
+
+
+def _multiply(matrix: np.ndarray, x: np.ndarray, axis: int, out: np.ndarray) -> None:
+    if axis == -1:
+        np.matmul(x, matrix.T, out=out)
+    else:
+        np.matmul(matrix, x, out=out)
+
+
+class FastTransforms:
+    """Poisson solver of a box without obstacles: transforms along all axes but the first, along which the equations of
+    each mode are tridiagonal (Hockney 1965, doi:10.1145/321250.321259).
+
+    Each face of the domain must be closed, free or periodic as a whole. waves, trial: two arrays of `Amplitudes` (modes
+    of axis 2, cells of axis 0, modes of axis 1).
     """
 
     def __init__(self, kinds: Sequence[str], grid: Grid):
@@ -79,125 +148,46 @@ class FastTransforms:
         self.grid = grid
         self.iterations = 1
         self.kinds = tuple(kinds)
-        self.workers = 1 if prod(grid.shape) <= FEW_CELLS else -1
-        self.options: dict[str, Any] = {"overwrite_x": True, "workers": self.workers}
-        eigenvalues = np.zeros(grid.shape)
-        for d, kind in enumerate(kinds):
-            line = 2.0 - 2.0 * np.cos(angles(kind, grid.shape[d]))
-            eigenvalues = eigenvalues + line.reshape([-1 if a == d else 1 for a in range(grid.dim)])
-        constant = eigenvalues < 1e-12  # only differences of phi count: its mean stays zero
-        self.singular = bool(constant.any())
-        self.eigenvalues = np.where(constant, np.inf, eigenvalues)
-        inverse = (1.0 / self.eigenvalues).astype(np.float32).T  # axes reversed, as `Grid.read` returns them
-        self.wrapped = [grid.dim - 1 - d for d, kind in enumerate(kinds) if kind == "periodic"]
-        if self.wrapped:  # a real Fourier transform returns half of its last axis
-            last = self.wrapped[-1]
-            inverse = np.take(inverse, np.arange(inverse.shape[last] // 2 + 1), axis=last)
-        self.inverse = np.ascontiguousarray(inverse)
-        self.dense: dict[int, list[np.ndarray]] = {}
-        self.transforms: dict[tuple[bool, int], list[int]] = {}  # (odd at the lower end, type): axes
-        for d, kind in enumerate(kinds):
-            if kind != "periodic" and grid.shape[d] <= DENSE:
-                self.dense[d] = self.matrices(d)
-            elif kind != "periodic":
-                self.transforms.setdefault(_type(kind), []).append(grid.dim - 1 - d)
+        workers = 1 if prod(grid.shape) <= FEW_CELLS else -1
+        self.modes = [Modes(kind, n, workers) for kind, n in zip(kinds[1:], grid.shape[1:], strict=True)]
+        layers = self.modes[1].eigenvalues if grid.dim == 3 else np.zeros(1)
+        self.equations = Tridiagonal(kinds[0], grid.shape[0], layers[:, None] + self.modes[0].eigenvalues)
+        self.singular = self.equations.singular  # without a free face only differences of phi count
+        self.waves, self.trial = Amplitudes(self.equations), Amplitudes(self.equations)
 
-    def matrices(self, d: int) -> list[np.ndarray]:
-        """Return the matrices of the transform and its inverse along axis d, which must not be periodic."""
-        odd, kind = _type(self.kinds[d])
-        make = (scipy.fft.dst, scipy.fft.idst) if odd else (scipy.fft.dct, scipy.fft.idct)
-        return [transform(np.eye(self.grid.shape[d]), kind, axis=0).astype(np.float32) for transform in make]
+    def rows(self, field: Field) -> np.ndarray:
+        """Return a view of the inner cells of a field: axes reversed, in 2-D with a first axis of one layer."""
+        inner = self.grid.inner(field.values).T
+        return inner if self.grid.dim == 3 else inner[None]
 
-    def forward(self, x: np.ndarray) -> np.ndarray:
-        """Transform x, f32 with the grid's axes reversed, and return the amplitudes of its modes; may overwrite x."""
-        for d, (there, _) in self.dense.items():
-            x = along(there, x, d)
-        for (odd, kind), axes in self.transforms.items():
-            x = np.asarray((scipy.fft.dstn if odd else scipy.fft.dctn)(x, kind, None, axes, **self.options))
-        return np.asarray(scipy.fft.rfftn(x, None, self.wrapped, workers=self.workers)) if self.wrapped else x
+    def forward(self, rows: np.ndarray) -> None:
+        """Set `waves` to the amplitudes of values like `rows`; overwrites `trial`."""
+        first, *second = self.modes
+        waves = self.waves.values
+        layers = self.trial.values[: len(rows)] if second else waves
+        first.forward(rows.swapaxes(1, 2), -1, layers[..., : first.count])
+        for modes in second:
+            modes.forward(_flat(layers), -2, _flat(waves))
 
-    def backward(self, x: np.ndarray) -> np.ndarray:
-        """Return the values for amplitudes x of the modes, the inverse of `forward`; x may be overwritten."""
-        if self.wrapped:
-            shape = [self.grid.shape[::-1][d] for d in self.wrapped]
-            x = np.asarray(scipy.fft.irfftn(x, shape, self.wrapped, **self.options))
-        for (odd, kind), axes in self.transforms.items():
-            x = np.asarray((scipy.fft.idstn if odd else scipy.fft.idctn)(x, kind, None, axes, **self.options))
-        for d, (_, back) in self.dense.items():
-            x = along(back, x, d)
-        return x
+    def backward(self, rows: np.ndarray) -> None:
+        """Set `rows` to the values for the amplitudes `waves`; overwrites `trial`."""
+        first, *second = self.modes
+        waves = self.waves.values
+        layers = self.trial.values[: len(rows)] if second else waves
+        for modes in second:
+            modes.backward(_flat(waves), -2, _flat(layers))
+        first.backward(layers[..., : first.count].swapaxes(1, 2), -2, rows)
 
     def solve(self, b: Field, phi: Field, tolerance: float) -> None:
         """Solve the Poisson equation for the right side b into the inner cells of phi, exactly for any tolerance."""
         del tolerance
-        waves = self.forward(self.grid.read(b).T)
-        waves *= self.inverse
-        self.grid.write(phi, self.backward(waves).T)
+        self.forward(self.rows(b))
+        self.waves.solve()
+        self.backward(self.rows(phi))
 
 
-def _type(kind: str) -> tuple[bool, int]:
-    """Return whether the modes of an axis of this kind are odd at its lower end, and the type of their transform."""
-    return kind.startswith("free"), 4 if "-" in kind else 2
-
-
-class Window:
-    """Transforms between the modes of a box and selected cells only.
-
-    Dense matrices over only the rows, columns and layers with selected cells; with a periodic axis, transforms of the
-    whole box.
-    """
-
-    def __init__(self, box: FastTransforms, cells: np.ndarray, sources: np.ndarray):
-        """Prepare the matrices; cells: indices of cells to read; sources: of cells with sources, axis 0 fastest."""
-        self.box, shape = box, box.grid.shape
-        self.whole = bool(box.wrapped)
-        self.cells, self.sources = cells, sources
-        if self.whole:
-            return
-        every = np.union1d(cells, sources)
-        used = [np.unique(i) for i in np.unravel_index(every, shape, order="F")]
-        self.shape = tuple(len(i) for i in reversed(used))
-        self.cells, self.sources = (self._place(c, used, shape) for c in (cells, sources))
-        self.to, self.back = [], []
-        for d, i in enumerate(used):
-            forward, backward = box.matrices(d)
-            self.to.append(np.ascontiguousarray(forward[:, i]))
-            self.back.append(np.ascontiguousarray(backward[i]))
-
-    @staticmethod
-    def _place(cells: np.ndarray, used: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
-        """Return the indices of cells in the array of the `used` rows, columns and layers."""
-        where = np.unravel_index(cells, shape, order="F")
-        inside = [np.searchsorted(u, w) for u, w in zip(used, where, strict=True)]
-        return np.ravel_multi_index(inside, [len(u) for u in used], order="F")
-
-    def values(self, waves: np.ndarray) -> np.ndarray:
-        """Return the values in `cells` for these amplitudes of the modes."""
-        if self.whole:
-            return self.box.backward(waves.copy()).reshape(-1)[self.cells]
-        for d, matrix in enumerate(self.back):
-            waves = along(matrix, waves, d)
-        return waves.reshape(-1)[self.cells]
-
-    def waves(self, sources: np.ndarray) -> np.ndarray:
-        """Return the amplitudes of the modes for these source strengths in the cells `sources`."""
-        x = np.zeros(self.box.grid.shape[::-1] if self.whole else self.shape, np.float32)
-        x.reshape(-1)[self.sources] = sources
-        if self.whole:
-            return self.box.forward(x)
-        for d in reversed(range(x.ndim)):
-            x = along(self.to[d], x, d)
-        return x
-
-
-def along(matrix: np.ndarray, x: np.ndarray, d: int) -> np.ndarray:
-    """Return x multiplied by a matrix along the grid's axis d; x has the axes of the grid in reversed order."""
-    if d == 0:
-        return x @ matrix.T
-    shape = x.shape
-    axis = len(shape) - 1 - d
-    result = matrix @ x.reshape(*shape[: axis + 1], -1)
-    return result.reshape(*shape[:axis], len(matrix), *shape[axis + 1 :])
+def _flat(layers: np.ndarray) -> np.ndarray:
+    return layers.reshape(len(layers), -1)
 
 
 def angles(kind: str, n: int) -> np.ndarray:
@@ -205,3 +195,8 @@ def angles(kind: str, n: int) -> np.ndarray:
     if kind == "periodic":
         return 2.0 * np.pi * np.fft.fftfreq(n)
     return np.pi * (np.arange(n) + {"closed": 0.0, "free": 1.0}.get(kind, 0.5)) / n
+
+
+def eigenvalues(angles: np.ndarray) -> np.ndarray:
+    """Return the negative second differences of modes with these phases per cell [rad]."""
+    return 2.0 - 2.0 * np.cos(angles)
