@@ -21,6 +21,7 @@ from scipy.sparse.csgraph import connected_components
 
 from taichi_plume.engine.fields import Field
 from taichi_plume.grid.grid import Grid
+from taichi_plume.solvers.clusters import ClusterMatrix, clusters
 from taichi_plume.solvers.direct import Balance, FastTransforms, angles, eigenvalues
 from taichi_plume.solvers.poisson import OpenFractions
 
@@ -183,14 +184,8 @@ class Window:
     """
 
     def __init__(self, box: FastTransforms, cells: np.ndarray):
-        """Prepare the matrices; cells: numbers of the selected cells, axis 0 fastest."""
-        lines, where = zip(
-            *(
-                np.unique(index, return_inverse=True)
-                for index in np.unravel_index(cells, box.grid.shape, order="F")
-            ),
-            strict=True,
-        )
+        """Prepare the matrices; cells: indices (n, dim) of the selected cells."""
+        lines, where = zip(*(np.unique(index, return_inverse=True) for index in cells.T), strict=True)
         order = (2, 0, 1)[3 - len(lines) :]
         self.place = np.ravel_multi_index([where[d] for d in order], [len(lines[d]) for d in order])
         self.size = prod(len(line) for line in lines)
@@ -223,33 +218,42 @@ class Capacitance:
         self.grid = grid
         self.iterations = 1
         self.box = FastTransforms(changes.kinds, grid)
-        self.near, self.reach = changes.near, changes.reach
-        self.window = Window(self.box, self.reach)
-        entries = changes.matrix.tocoo()
-        places = entries.row, self.window.place[entries.col]
-        shape = len(self.near), self.window.size
-        self.changes = sp.csr_array((entries.data.astype(np.float32), places), shape=shape)
-        self.sources = np.zeros(self.window.size, np.float32)
-        self.place = self.window.place[np.searchsorted(self.reach, self.near)]
         self.cells, self.balance = np.flatnonzero(changes.air), Balance(changes.part, changes.floating)
         closed_off = np.unravel_index(np.flatnonzero(~changes.air), grid.shape, order="F")
         self.closed_off = np.ravel_multi_index(
             [index + grid.ghost for index in closed_off], grid.padded, order="F"
         )
         self.constant = np.float32(sqrt(prod(grid.shape[1:])))  # amplitude of the constant 1
-        self._invert(changes.matrix)
+        near, reach = (
+            np.stack(np.unravel_index(cells, grid.shape, order="F"), axis=1)
+            for cells in (changes.near, changes.reach)
+        )
+        cluster = clusters(near)
+        order = np.argsort(cluster, kind="stable")
+        near, matrix = near[order], changes.matrix[order]
+        self.window = Window(self.box, reach)
+        self.place = self.window.place[np.searchsorted(changes.reach, changes.near[order])]
+        entries = matrix.tocoo()
+        places = entries.row, self.window.place[entries.col]
+        shape = len(near), self.window.size
+        self.changes = sp.csr_array((entries.data.astype(np.float32), places), shape=shape)
+        self.sources = np.zeros(self.window.size, np.float32)
+        sizes = np.bincount(cluster)
+        self.inverse = ClusterMatrix(
+            self._inverse(matrix, reach, near), np.append(sizes, 1) if self.box.singular else sizes
+        )
 
-    def _invert(self, changes: sp.csr_array) -> None:
-        places = [
-            np.stack(np.unravel_index(c, self.grid.shape, order="F"), axis=1) for c in (self.reach, self.near)
-        ]
-        matrix = GreensFunction(self.box.kinds, self.grid.shape).apply(changes, *places)
+    def _inverse(self, changes: sp.csr_array, reach: np.ndarray, near: np.ndarray) -> np.ndarray:
+        """Return the inverse of the capacitance matrix 1 + C B^-1, for C and the indices (n, dim) of its columns and
+        rows.
+        """
+        matrix = GreensFunction(self.box.kinds, self.grid.shape).apply(changes, reach, near)
         matrix[np.diag_indices_from(matrix)] += 1.0
         if self.box.singular:  # pair the free constant of B with the mean source, which B cannot have
             ones = np.ones((1, len(matrix)))
             matrix = np.block([[matrix, -changes.sum(axis=1)[:, None]], [ones, np.zeros((1, 1))]])
         # single precision is enough: the condition number is 30
-        self.inverse = scipy.linalg.inv(matrix.astype(np.float32), overwrite_a=True, check_finite=False)
+        return scipy.linalg.inv(matrix.astype(np.float32), overwrite_a=True, check_finite=False)
 
     def solve(self, b: Field, phi: Field, tolerance: float) -> None:
         """Solve the Poisson equation for the right side b into the inner cells of phi, exactly for any tolerance."""
@@ -266,7 +270,7 @@ class Capacitance:
         missed = self.changes @ self.window.values(trial.values)
         if box.singular:
             missed = np.append(missed, self.constant * waves.values[0, :, 0].sum())
-        sources = self.inverse @ missed
+        sources = self.inverse.times(missed)
         self.sources[self.place] = sources[: len(self.place)]
         waves.values[self.window.selection] -= self.window.waves(self.sources)
         waves.solve()

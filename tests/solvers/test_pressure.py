@@ -229,6 +229,30 @@ def test_a_capacitance_matrix_solves_boxes_with_obstacles_exactly(fields, shape,
 
 
 @pytest.mark.cpu
+@pytest.mark.parametrize(("outlet", "parts"), [(True, 2), (False, 4)])
+def test_obstacles_far_apart_are_solved_as_exactly_as_by_one_matrix(fields, monkeypatch, outlet, parts):
+    """A closed room has two parts more: the constant, and the cell to whose equation phi is added."""
+    shape = (44, 14, 14)
+    grid, faces, b, _ = problem(shape, False, outlet)
+    solid = np.zeros(shape, bool)
+    solid[4:12, 3:10, 2:10] = solid[32:39, 4:11, 4:12] = True
+    closed = grid.pad(solid)
+    for d, a in enumerate(faces):
+        a *= ~(closed | np.roll(closed, 1, axis=d))
+    b[solid] = 0.0
+    changes = Changes.of(OpenFractions.of(faces, grid), grid)
+    split = Capacitance(changes, grid)
+    monkeypatch.setattr("taichi_plume.solvers.clusters.UNDIVIDED", 10**6)
+    whole = Capacitance(changes, grid)
+    assert len(split.inverse.blocks) == parts
+    assert len(whole.inverse.blocks) == 1
+    found, wanted = (solve(solver, grid, fields, b, 0.0)[~solid] for solver in (split, whole))
+    if not outlet:
+        found, wanted = found - found.mean(), wanted - wanted.mean()
+    np.testing.assert_allclose(found, wanted, atol=1e-6 * np.abs(wanted).max())
+
+
+@pytest.mark.cpu
 def test_each_case_gets_its_solver():
     for shape, kind in (((40, 30), SparseFactors), ((12, 10, 7), Multigrid)):
         grid, faces, _, _ = problem(shape, True, True)
