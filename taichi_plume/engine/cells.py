@@ -105,7 +105,7 @@ class Cell(Index):
         place = _total(
             [place, before, *(_scaled(k, step) for k, step in zip(self.shift[1:], steps[1:], strict=True))]
         )
-        if contiguous and axis == 0 and not isinstance(n, int) and isinstance(self.shift[0], int):
+        if contiguous and axis == 0 and isinstance(self.shift[0], int) and not isinstance(place, int):
             return (place & MOST) + _sum(n, self.shift[0])  # LLVM sees that a strip does not wrap around
         return _total([place, _scaled(self.shift[0], steps[0]), _scaled(n, steps[axis])])
 
