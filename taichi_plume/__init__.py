@@ -40,12 +40,14 @@ for _number, _stream in enumerate(("stdin", "stdout", "stderr")):
     if vars(sys)[_stream] is None:
         setattr(sys, _stream, open(os.devnull, "w" if _number else "r"))  # noqa: SIM115
 
-# Before the first import of taichi, here or elsewhere: print no banner, and send no report of version, platform and
-# user to its makers.
-os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
-os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
-# In a notebook Taichi would announce that it collects what kernels print, and ask for it after each launch.
-os.environ.setdefault("TI_ENABLE_PYBUF", "0")
+# Before the first import of taichi or quadrants, here or elsewhere: print no banner, and send no report of version,
+# platform and user to Taichi's makers. In a notebook both would announce that they collect what kernels print, and ask
+# for it after each launch.
+for _variable, _value in (
+    ("ENABLE_TAICHI_HEADER_PRINT", "0"), ("TI_SKIP_VERSION_CHECK", "ON"), ("TI_ENABLE_PYBUF", "0"),
+    ("ENABLE_QUADRANTS_HEADER_PRINT", "0"), ("QD_ENABLE_PYBUF", "0"),
+):  # fmt: skip
+    os.environ.setdefault(_variable, _value)
 # Taichi aborts without a home, as in services and cron jobs. "/" is the home of users without an account.
 if os.name == "posix" and not os.environ.keys() & {"HOME", "XDG_CACHE_HOME"}:
     _home = os.path.expanduser("~")

@@ -38,6 +38,7 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     if "PYTEST_XDIST_WORKER" in os.environ:  # a core for each worker
         os.environ.setdefault("TI_CPU_MAX_NUM_THREADS", "1")
+        os.environ.setdefault("QD_CPU_MAX_NUM_THREADS", "1")
     if config.getoption("--kernels") or config.getoption("--keep-durations"):
         config.pluginmanager.register(Measuring(config, scope, DURATIONS))
 

@@ -26,16 +26,15 @@ class Measuring:
 
     def kernels(self) -> int:
         """Kernels compiled in this process until now; Taichi forgets them when it starts anew."""
-        if "taichi" not in sys.modules:
+        if "taichi_plume.engine.library" not in sys.modules:
             return 0
-        import taichi as ti
-
         from taichi_plume.engine import program
+        from taichi_plume.engine.library import taichi
 
         if not self.watched:
             self.watched = True
             for name in ("init", "reset"):
-                setattr(ti, name, self.counting(getattr(ti, name)))
+                setattr(taichi, name, self.counting(getattr(taichi, name)))
         return self.compiled + program.compiled()
 
     def counting(self, function):

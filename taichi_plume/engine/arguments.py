@@ -3,22 +3,15 @@
 from collections.abc import Callable
 from typing import Any
 
-import taichi
-from taichi._lib import core
-from taichi.lang import impl
-from taichi.lang.any_array import AnyArray
-from taichi.lang.expr import Expr
-
 from taichi_plume.engine.conditions import Values
+from taichi_plume.engine.library import AnyArray, DataType, Expr, core, declared_array, impl, load, taichi
 
 
 def declare_array(dtype: Any, n: int, ndim: int, name: str) -> AnyArray:
     """Add an array argument of numbers, or of vectors of n numbers, to the kernel that is traced."""
     element = core.get_type_factory_instance().get_tensor_type((n,), dtype) if n else dtype
     argument = impl.get_runtime().compiling_callable.insert_ndarray_param(element, ndim, name, False)
-    return AnyArray(
-        core.make_external_tensor_expr(element, ndim, argument, False, 0, core.BoundaryMode.UNSAFE)
-    )
+    return declared_array(element, ndim, argument)
 
 
 def declare_field(dtype: Any, n: int, name: str) -> AnyArray:
@@ -28,9 +21,9 @@ def declare_field(dtype: Any, n: int, name: str) -> AnyArray:
     """
     factory = core.get_type_factory_instance()
     element = factory.get_tensor_type((n,), dtype) if n else dtype
-    kind = core.DataType(factory.get_ndarray_struct_type(dtype, 1, False))
+    kind = DataType(factory.get_ndarray_struct_type(dtype, 1, False))
     argument = impl.get_runtime().compiling_callable.insert_scalar_param(kind, name)
-    return AnyArray(core.make_external_tensor_expr(element, 1, argument, False, 0, core.BoundaryMode.UNSAFE))
+    return declared_array(element, 1, argument)
 
 
 def setter_of(dtype: Any) -> str:
@@ -38,13 +31,6 @@ def setter_of(dtype: Any) -> str:
     if dtype in (taichi.f32, taichi.f64):
         return "float"
     return "uint" if dtype in (taichi.u32, taichi.u8) else "int"
-
-
-def load(argument: Any, dtype: Any, whole: bool = True) -> Expr:
-    """Return the expression of a scalar argument, or of the place of a structure."""
-    return Expr(
-        core.make_arg_load_expr(argument, dtype, False, create_load=whole, arg_depth=0, dbg_info=_NOWHERE)
-    )
 
 
 _NOWHERE = core.DebugInfo()

@@ -8,10 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import reduce
 from typing import Any
 
-import taichi
-from taichi.lang import impl, matrix
-from taichi.lang.expr import Expr
-
+from taichi_plume.engine.library import Expr, impl, mark_function, matrix, taichi
 from taichi_plume.engine.trace import PLAIN, Components, Number, Trace, View
 
 MOST = (1 << 30) - 1
@@ -137,8 +134,7 @@ def _sum(a: Any, b: Any) -> Any:
 
 def macro(function: Callable) -> Callable:
     """Decorator of Python functions that kernels call while they are traced."""
-    function._is_taichi_function = True  # type: ignore[attr-defined]
-    function.func = PLAIN  # type: ignore[attr-defined]
+    mark_function(function, PLAIN)
     return function
 
 

@@ -7,13 +7,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from taichi._lib import core
-from taichi.lang.field import Field as TaichiField
-from taichi.lang.kernel_impl import Func
-from taichi.lang.matrix import Matrix, MatrixType
-from taichi.lang.struct import StructType
 
 from taichi_plume.engine.fields import ArrayField
+from taichi_plume.engine.library import DataType, Func, Matrix, MatrixType, SNodeField, StructType
 
 Values = list[Any]
 """Parts of a kernel, and all values that it reads from them."""
@@ -187,7 +183,7 @@ def is_constant(value: Any) -> bool:
         or isinstance(
             value,
             bool | str | bytes | type | types.ModuleType | enum.Enum | range | slice | np.bool_ | complex
-            | types.BuiltinFunctionType | np.ufunc | TaichiField | core.DataType | frozenset | set
+            | types.BuiltinFunctionType | np.ufunc | SNodeField | DataType | frozenset | set
             | MatrixType | StructType,
         )
     )  # fmt: skip

@@ -5,9 +5,8 @@ from math import prod
 from typing import Any, TypeAlias
 
 import numpy as np
-import taichi
-from taichi.lang import impl
 
+from taichi_plume.engine.library import impl, taichi
 from taichi_plume.engine.process import EngineError
 
 KINDS = {

@@ -1,28 +1,37 @@
 """Kernels at module level or in classes, compiled once for all parts that are alike."""
 
-import ast
 import gc
 import inspect
-import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from typing import Any
 
 import numpy as np
-import taichi
-from taichi._lib import core
-from taichi.lang import impl, kernel_arguments, kernel_impl
-from taichi.lang.ast.ast_transformer import build_stmts
-from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
-from taichi.lang.enums import AutodiffMode
-from taichi.lang.matrix import MatrixType
-from taichi.lang.util import cook_dtype
-from taichi.types import ndarray_type
 
 from taichi_plume.engine import process, replacements  # noqa: F401  `replacements` lets Taichi trace parts
 from taichi_plume.engine.arguments import declare_array, setter_of
 from taichi_plume.engine.conditions import same
 from taichi_plume.engine.fields import KINDS, SLACK, ArrayField, on_cpu
+from taichi_plume.engine.library import (
+    AutodiffMode,
+    KernelSyntaxError,
+    MatrixType,
+    argument_index,
+    begin_kernel,
+    build_stmts,
+    compile_kernel,
+    cook_dtype,
+    core,
+    declared_matrix,
+    declared_scalar,
+    end_kernel,
+    impl,
+    kernel_arguments,
+    kernel_context,
+    kernel_impl,
+    ndarray_type,
+    taichi,
+)
 from taichi_plume.engine.trace import Trace
 
 DTYPES = {np.dtype(kind): dtype for dtype, kind in KINDS.items()}
@@ -53,9 +62,7 @@ class Instance:
             if collects:
                 gc.enable()
         with kernel.compiling():
-            self.compiled = self.program.compile_kernel(
-                self.program.config(), self.program.get_device_caps(), self.traced
-            )
+            self.compiled = compile_kernel(self.program, self.traced)
         self.steps = self.trace.steps
         self.extra = [(compute, setter) for _, compute, setter in self.trace.arguments.values()]
         del self.trace, Trace.current  # they hold the parts
@@ -64,25 +71,13 @@ class Instance:
         runtime = impl.get_runtime()
         runtime.materialize()
         function, shell, trace = kernel.function, kernel.shell, self.trace
-        source, line = kernel_impl.getsourcelines(function)
-        source = [kernel_impl.textwrap.fill(text, tabsize=4, width=9999) for text in source]
-        tree: Any = ast.parse(textwrap.dedent("\n".join(source)))
-        context = ASTTransformerContext(
-            is_kernel=True,
-            func=shell,
-            global_vars={},
-            src=source,
-            start_lineno=line,
-            file=kernel_impl.getsourcefile(function),
-        )
+        context, statements = kernel_context(function, shell)
         annotations = dict(zip(kernel.names, kernel.annotations, strict=True))
 
         def generate(target: Any) -> None:
             if runtime.inside_kernel:
-                raise taichi.TaichiSyntaxError("a kernel cannot call another kernel")
-            shell.kernel_cpp, runtime.inside_kernel, runtime.current_kernel = target, True, shell
-            runtime.compiling_callable = target
-            context.ast_builder = target.ast_builder()
+                raise KernelSyntaxError("a kernel cannot call another kernel")
+            begin_kernel(shell, context, target)
             arrays = iter(self.arrays)
             runtime.src_info_stack.append("")
             try:
@@ -100,16 +95,16 @@ class Instance:
                             dtype, ndim = next(arrays)
                             value: Any = declare_array(dtype, 0, ndim, name)
                         elif isinstance(kind, MatrixType):
-                            value = kernel_arguments.decl_matrix_arg(kind, name, 0)
+                            value = declared_matrix(kind, name)
                         else:
-                            value = kernel_arguments.decl_scalar_arg(SCALARS.get(kind, kind), name, 0)
+                            value = declared_scalar(SCALARS.get(kind, kind), name)
                         context.create_variable(name, value)
                         context.kernel_args.append(name)
-                    build_stmts(context, tree.body[0].body)
+                    build_stmts(context, statements)
                 target.finalize_params()
             finally:
                 runtime.src_info_stack.clear()
-                runtime.inside_kernel, runtime.current_kernel, runtime.compiling_callable = False, None, None
+                end_kernel()
 
         name = f"{function.__name__}_{compiled}"
         return self.program.create_kernel(generate, name, AutodiffMode.NONE)
@@ -137,7 +132,9 @@ class Bound:
         self.kernel, self.instance = kernel, instance
         self.program = instance.program
         self.extra = [(compute(values), setter) for compute, setter in instance.extra]
-        self.setters = [(_argument_setter(kind), (n,)) for n, kind in enumerate(kernel.scalar_annotations)]
+        self.setters = [
+            (_argument_setter(kind, n), argument_index(n)) for n, kind in enumerate(kernel.scalar_annotations)
+        ]
         self.returns = kernel.shell.return_type
         self.first = len(self.setters)
         self.reusable = on_cpu()
@@ -159,7 +156,7 @@ class Bound:
                 for k, number in enumerate(value):
                     put((n, k), number)
             else:
-                getattr(context, f"set_arg_{setter}")((n,), value)
+                getattr(context, f"set_arg_{setter}")(argument_index(n), value)
         return context
 
     def __call__(self, *arguments: Any) -> Any:
@@ -180,27 +177,28 @@ class Bound:
 
 
 def _put_field(context: Any, n: int, field: ArrayField) -> None:
+    index = argument_index(n)
     if field.flat is None:
-        context.set_arg_ndarray((n,), field.device.arr)
+        context.set_arg_ndarray(index, field.device.arr)
     else:
         context.set_struct_arg_int((n, 0, 0), len(field.flat) + SLACK)
         context.set_struct_arg_uint((n, 1), field.flat.ctypes.data)
 
 
-def _put_array(context: Any, n: tuple[int], value: np.ndarray) -> None:
+def _put_array(context: Any, index: Any, value: np.ndarray) -> None:
     if not value.flags.c_contiguous:
         raise ValueError("an array argument of a kernel must be contiguous")
-    context.set_arg_external_array_with_shape(n, value.ctypes.data, value.nbytes, value.shape, 0)
+    context.set_arg_external_array_with_shape(index, value.ctypes.data, value.nbytes, value.shape, 0)
 
 
-def _argument_setter(kind: Any) -> Callable[[Any, tuple[int], Any], None]:
+def _argument_setter(kind: Any, n: int) -> Callable[[Any, Any, Any], None]:
     if isinstance(kind, ndarray_type.NdarrayType):
         return _put_array
     if isinstance(kind, MatrixType):
 
-        def put(context: Any, n: tuple[int], value: Any) -> None:
+        def put(context: Any, index: Any, value: Any) -> None:
             for k in range(kind.n):
-                context.set_struct_arg_float((*n, k), float(value[k]))
+                context.set_struct_arg_float((n, k), float(value[k]))
 
         return put
     return getattr(core.KernelLaunchContext, f"set_arg_{setter_of(cook_dtype(SCALARS.get(kind, kind)))}")

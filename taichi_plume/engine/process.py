@@ -5,12 +5,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import RLock
 
-from taichi.lang import impl
-from taichi.lang.exception import TaichiCompilationError
-from taichi.lang.impl import PyTaichi
+from taichi_plume.engine.library import CompilationError, Runtime, impl
 
 
-class EngineError(TaichiCompilationError, RuntimeError):
+class EngineError(CompilationError, RuntimeError):
     """Error of access to a simulation on a device whose fields no longer exist, because Taichi was restarted."""
 
     MESSAGE = (
@@ -40,7 +38,7 @@ class ForkError(EngineError):
     )
 
 
-def _materialize(runtime: PyTaichi, plain: Callable = PyTaichi.materialize) -> None:
+def _materialize(runtime: Runtime, plain: Callable = Runtime.materialize) -> None:
     """Prepare Taichi for a new kernel. Raises ForkError."""
     require_no_fork()
     plain(runtime)
@@ -81,4 +79,4 @@ forked = False
 if "register_at_fork" in vars(os):  # not on Windows
     os.register_at_fork(after_in_child=_after_fork)
 impl.reset = _reset
-PyTaichi.materialize = _materialize
+Runtime.materialize = _materialize

@@ -9,18 +9,18 @@ import time
 from pathlib import Path
 from typing import Any
 
-import taichi
-from taichi.lang import impl
-
 from taichi_plume.engine import kernels, tracing  # noqa: F401  it makes the tracing of kernels quicker
+from taichi_plume.engine.choice import DEFAULT
 from taichi_plume.engine.fields import on_cpu
+from taichi_plume.engine.library import CACHE_LOCK, NAME, PREFIX, impl, taichi
 from taichi_plume.engine.process import require_no_fork
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import LONGEST_VALUE, say, visible
 
 # Limit of compiled kernels on disk. At Taichi's own 100 MB a dozen scenarios, or the tests, evict each other's kernels.
 CACHE_BYTES = 2_000_000_000
-_CACHE_FOLDER = "TI_OFFLINE_CACHE_FILE_PATH"  # Taichi's own variable
+_CACHE_FOLDER = f"{PREFIX}OFFLINE_CACHE_FILE_PATH"  # a variable of Taichi, as is the next
+_CACHE_SWITCH = f"{PREFIX}OFFLINE_CACHE"
 STALE_S = 60.0  # age of the cache's lock, which Taichi holds for less than a second
 _started: list[Any] = []  # program, arch, debug and threads of the last start
 
@@ -85,7 +85,7 @@ def ensure_started() -> None:
 
 
 def cache_folder() -> Path:
-    """Return the folder of compiled kernels: TI_OFFLINE_CACHE_FILE_PATH, or a folder in the user's cache folder."""
+    """Return the folder of compiled kernels: that of the library's variable, or a folder in the user's cache folder."""
     chosen = os.environ.get(_CACHE_FOLDER)
     if chosen:
         return Path(chosen)
@@ -96,22 +96,22 @@ def cache_folder() -> Path:
     if sys.platform != "darwin":
         given = Path(os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_CACHE_HOME", ""))
         folder = given if given.is_absolute() else folder  # the XDG rules: a relative path is ignored
-    return folder / "taichi_plume" / "kernels"
+    return folder / "taichi_plume" / ("kernels" if NAME == DEFAULT else f"kernels_{NAME}")
 
 
 def _cache() -> dict[str, str | int]:
     """Return the options of `taichi.init` for the cache of compiled kernels.
 
-    If the cache folder cannot be written, the cache is switched off by TI_OFFLINE_CACHE and a note says so once. Child
+    If the cache folder cannot be written, the cache is switched off by a variable and a note says so once. Child
     processes inherit the variable. Taichi creates the folder even then, and crashes if that fails: the root exists.
     """
     folder = cache_folder()
-    if os.environ.get("TI_OFFLINE_CACHE") != "0":
+    if os.environ.get(_CACHE_SWITCH) != "0":
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=folder):
                 pass
-            _remove_stale_lock(folder / "ticache.lock")
+            _remove_stale_lock(folder / CACHE_LOCK)
             options: dict[str, str | int] = {"offline_cache_max_size_of_files": CACHE_BYTES}
             return (
                 options if _CACHE_FOLDER in os.environ else options | {"offline_cache_file_path": str(folder)}
@@ -119,7 +119,7 @@ def _cache() -> dict[str, str | int]:
         except OSError as error:
             why = f"{folder} cannot be written ({error.strerror or error}), so every run compiles its kernels again"
             say(f"note: {why}; set {_CACHE_FOLDER} to a folder that can be written", error=True)
-            os.environ["TI_OFFLINE_CACHE"] = "0"
+            os.environ[_CACHE_SWITCH] = "0"
     os.environ[_CACHE_FOLDER] = os.sep
     return {}
 

@@ -6,16 +6,24 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-import taichi
-from taichi.lang import impl, kernel_impl
-from taichi.lang.ast.ast_transformer import ASTTransformer
-from taichi.lang.expr import Expr
-
 from taichi_plume.engine.fields import ArrayField
+from taichi_plume.engine.library import (
+    CALL_BUILDER,
+    CALL_OF_BUILTIN,
+    CALL_OF_TYPE,
+    ASTTransformer,
+    Expr,
+    build_stmt,
+    build_stmts,
+    impl,
+    replace_globals,
+    taichi,
+    variable,
+)
 from taichi_plume.engine.trace import FREE, Components, Function, Number, Part, Trace, View, is_on_host
 
 
-def _global_variables(function: Any, plain: Callable = kernel_impl._get_global_vars) -> dict[str, Any]:
+def _global_variables(function: Any, plain: Callable) -> dict[str, Any]:
     """Return the global and free variables of a function, as Taichi does, with stand-ins for the free ones."""
     if FREE and FREE[-1][0] is function:
         return {**function.__globals__, **FREE[-1][1]}
@@ -48,7 +56,7 @@ def static(x: Any, *xs: Any, plain: Callable = impl.static) -> Any:
 
 
 def _build_name(ctx: Any, node: ast.Name, plain: Callable = ASTTransformer.build_Name) -> Any:
-    value = ctx.get_var_by_name(node.id)
+    value = variable(ctx, node.id)
     if isinstance(value, Number):
         node.ptr = value  # type: ignore[attr-defined]
         return value
@@ -57,8 +65,6 @@ def _build_name(ctx: Any, node: ast.Name, plain: Callable = ASTTransformer.build
 
 def _build_compare(ctx: Any, node: ast.Compare, plain: Callable = ASTTransformer.build_Compare) -> Any:
     """Build a comparison as Taichi does; numbers of parts are compared on the host."""
-    from taichi.lang.ast.ast_transformer import build_stmt, build_stmts
-
     if len(node.ops) == 1 and type(node.ops[0]) in _COMPARISONS:
         build_stmt(ctx, node.left)
         build_stmts(ctx, node.comparators)
@@ -75,9 +81,11 @@ _COMPARISONS = {
 }  # fmt: skip
 
 
-def _build_call_if_is_type(
-    ctx: Any, node: Any, args: Any, keywords: Any, plain: Callable = ASTTransformer.build_call_if_is_type
-) -> bool:
+_PLAIN_CALL_OF_TYPE = getattr(CALL_BUILDER, CALL_OF_TYPE)
+_PLAIN_CALL_OF_BUILTIN = getattr(CALL_BUILDER, CALL_OF_BUILTIN)
+
+
+def _build_call_if_is_type(ctx: Any, node: Any, args: Any, keywords: Any) -> bool:
     if (
         len(args) == 1
         and isinstance(args[0], Number)
@@ -85,27 +93,25 @@ def _build_call_if_is_type(
     ):
         node.ptr = args[0].typed(node.func.ptr)
         return True
-    return plain(ctx, node, args, keywords)
+    return _PLAIN_CALL_OF_TYPE(ctx, node, args, keywords)
 
 
-def _build_call_if_is_builtin(
-    ctx: Any, node: Any, args: Any, keywords: Any, plain: Callable = ASTTransformer.build_call_if_is_builtin
-) -> bool:
+def _build_call_if_is_builtin(ctx: Any, node: Any, args: Any, keywords: Any) -> bool:
     """Call Python's own functions of numbers of parts on the host."""
     numbers = [arg for arg in args if isinstance(arg, Number)]
     if numbers and node.func.ptr in (min, max, int, float, bool, pow) and all(map(is_on_host, args)):
         node.ptr = numbers[0]._derived(node.func.ptr, *args)
         return True
-    return plain(ctx, node, args, keywords)
+    return _PLAIN_CALL_OF_BUILTIN(ctx, node, args, keywords)
 
 
-ASTTransformer.build_call_if_is_builtin = staticmethod(_build_call_if_is_builtin)
 static.__module__ = impl.__name__  # Taichi warns of calls of other functions
 impl.subscript = _subscript
-for _module in [module for name, module in sys.modules.items() if name.split(".")[0] == "taichi"]:
+for _module in [module for name, module in sys.modules.items() if name.split(".")[0] == taichi.__name__]:
     if vars(_module).get("static") is _PLAIN_STATIC:
         _module.static = static  # type: ignore[attr-defined]
-kernel_impl._get_global_vars = _global_variables
+replace_globals(_global_variables)
 ASTTransformer.build_Name = staticmethod(_build_name)
 ASTTransformer.build_Compare = staticmethod(_build_compare)
-ASTTransformer.build_call_if_is_type = staticmethod(_build_call_if_is_type)
+setattr(CALL_BUILDER, CALL_OF_TYPE, staticmethod(_build_call_if_is_type))
+setattr(CALL_BUILDER, CALL_OF_BUILTIN, staticmethod(_build_call_if_is_builtin))

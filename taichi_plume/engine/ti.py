@@ -1,16 +1,19 @@
 """Taichi's names, with the engine's fields and kernels: all other modules import `ti` from here."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import taichi
-from taichi import *  # noqa: F403  # pyright: ignore[reportAssignmentType]
-from taichi import _lib, func, math, types  # noqa: F401
+if TYPE_CHECKING:
+    from taichi import *  # noqa: F403  # pyright: ignore[reportAssignmentType]
 
 from taichi_plume.engine.cells import along, load_numbers, row  # noqa: F401
 from taichi_plume.engine.fields import field, filled, filled_vectors, vector_field  # noqa: F401
 from taichi_plume.engine.kernels import kernel  # noqa: F401
+from taichi_plume.engine.library import func, taichi  # noqa: F401
 from taichi_plume.engine.replacements import static  # noqa: F401
 
 
 def __getattr__(name: str) -> Any:
-    return getattr(taichi, name)  # `cfg` is made by `init`
+    value = getattr(taichi, name)
+    if name != "cfg":  # a new object after each `init`
+        globals()[name] = value
+    return value

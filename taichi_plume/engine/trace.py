@@ -13,13 +13,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import taichi
-from taichi.lang import impl
-from taichi.lang.any_array import AnyArray
-from taichi.lang.expr import Expr
-from taichi.lang.matrix import Matrix, make_matrix
 
-from taichi_plume.engine.arguments import Loaded, declare_array, declare_field, load, setter_of
+from taichi_plume.engine.arguments import Loaded, declare_array, declare_field, setter_of
 from taichi_plume.engine.conditions import (
     Calls,
     Equal,
@@ -44,6 +39,7 @@ from taichi_plume.engine.conditions import (
     truth_of,
 )
 from taichi_plume.engine.fields import ArrayField
+from taichi_plume.engine.library import AnyArray, Expr, Matrix, impl, load, make_matrix, mark_function, taichi
 
 
 class Trace:
@@ -227,9 +223,8 @@ class Function:
 
     def __init__(self, trace: Trace, index: int, function: Any, owner: Any, first: tuple = ()):
         self.trace, self.index, self.function, self.owner, self.first = trace, index, function, owner, first
-        self._is_taichi_function = True
         self.__name__ = getattr(function, "__name__", "function")
-        self.func = getattr(function, "func", PLAIN)
+        mark_function(self, getattr(function, "func", PLAIN))
 
     def given(self, first: tuple) -> "Function":
         """Return the function with its first arguments given (partial)."""

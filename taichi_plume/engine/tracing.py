@@ -16,9 +16,15 @@ from functools import cache
 from types import CodeType, FunctionType, SimpleNamespace
 from typing import Any, TypeVar
 
-from taichi.lang import impl, kernel_impl
-from taichi.lang.ast import ast_transformer_utils
-from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext, Builder
+from taichi_plume.engine.library import (
+    POSITION,
+    SOURCE_READERS,
+    TEXT_WRAPPER,
+    Builder,
+    impl,
+    kernel_impl,
+    node_built,
+)
 
 Read = TypeVar("Read")
 
@@ -65,7 +71,7 @@ def inside_class(level_of_class_stackframe: int) -> bool:
 # ---------------------------------------------------------------- positions
 
 
-def position(self: Any, node: ast.stmt | ast.expr) -> str:
+def position(self: Any, node: Any) -> str:
     """Return the text of the source position of an AST node for Taichi's messages: file, line number and line."""
     lines = vars(self).setdefault("line_texts", {})
     if node.lineno not in lines:
@@ -84,7 +90,7 @@ class _Failing:
         self.error = error
 
     def __getattr__(self, name: str) -> Callable:
-        def fail(ctx: ASTTransformerContext, node: ast.AST) -> None:
+        def fail(ctx: Any, node: ast.AST) -> None:
             raise self.error
 
         return fail
@@ -99,14 +105,17 @@ def _builder(builder: type, kind: type) -> tuple[Callable | None, bool]:
 def building(plain: Callable) -> Callable:
     """Return a faster function that builds an AST node; on an error it calls `plain`, which reports the error."""
 
-    def build(self: object, ctx: ASTTransformerContext, node: ast.AST) -> object:
+    def build(self: object, ctx: Any, node: ast.AST) -> object:
         method, placed = _builder(type(self), type(node))
         if method is None:
             return plain(self, ctx, node)
         stack = impl.get_runtime().src_info_stack
-        stack.append(ctx.get_pos_info(node) if placed else "")
+        stack.append(position(ctx, node) if placed else "")
         try:
-            return method(ctx, node)
+            result = method(ctx, node)
+            if node_built is not None:
+                node_built(node)
+            return result
         except Exception as error:
             return plain(_Failing(error), ctx, node)
         finally:
@@ -117,15 +126,17 @@ def building(plain: Callable) -> Callable:
 
 def quicken() -> tuple[bool, ...]:
     """Replace the slow functions of Taichi; return for each whether it was replaced."""
-    sources = ("getsourcelines", "getsourcefile")
-    changes = [replace(kernel_impl, name, ("obj",), once(vars(kernel_impl)[name])) for name in sources]
-    if vars(kernel_impl).get("textwrap") is textwrap:
+    changes = [
+        replace(owner, name, parameters, once(vars(owner)[name]))
+        for owner, name, parameters in SOURCE_READERS
+    ]
+    if vars(TEXT_WRAPPER).get("textwrap") is textwrap:
         fill, dedent = cache(textwrap.fill), cache(textwrap.dedent)
-        kernel_impl.textwrap = SimpleNamespace(fill=fill, dedent=dedent)  # type: ignore[attr-defined]
+        TEXT_WRAPPER.textwrap = SimpleNamespace(fill=fill, dedent=dedent)  # type: ignore[attr-defined]
         changes.append(True)
     changes.append(replace(kernel_impl, "_inside_class", ("level_of_class_stackframe",), inside_class))
-    changes.append(replace(ASTTransformerContext, "get_pos_info", ("self", "node"), position))
-    if ast_transformer_utils.impl is impl and hasattr(impl.PyTaichi(), "src_info_stack"):
+    changes.append(replace(*POSITION, ("self", "node"), position))
+    if hasattr(impl.get_runtime(), "src_info_stack"):
         plain = Builder.__call__
         changes.append(replace(Builder, "__call__", ("self", "ctx", "node"), building(plain)))
     return tuple(changes)

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from taichi_plume.engine import program, ti
+from taichi_plume.engine.library import CACHE_LOCK, NAME, PREFIX
 from taichi_plume.grid.kernels import Pass, launch
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -38,7 +39,9 @@ def test_a_device_that_there_is_not_is_reported_before_anything_starts():
         program.start("abacus")
 
 
-CACHE = ("TI_OFFLINE_CACHE", "TI_OFFLINE_CACHE_FILE_PATH", "XDG_CACHE_HOME")
+SWITCH, FOLDER = f"{PREFIX}OFFLINE_CACHE", f"{PREFIX}OFFLINE_CACHE_FILE_PATH"
+CACHE = (SWITCH, FOLDER, "XDG_CACHE_HOME")
+KERNELS = {"taichi": "kernels", "quadrants": "kernels_quadrants"}[NAME]
 
 
 @pytest.fixture
@@ -52,12 +55,12 @@ def no_cache_variables(monkeypatch):
 @pytest.mark.skipif(sys.platform != "linux", reason="other platforms have other folders")
 def test_kernels_have_a_folder_of_their_own_in_the_users_cache(no_cache_variables, tmp_path):
     no_cache_variables.setenv("HOME", str(tmp_path))
-    assert program.cache_folder() == tmp_path / ".cache" / "taichi_plume" / "kernels"
+    assert program.cache_folder() == tmp_path / ".cache" / "taichi_plume" / KERNELS
     no_cache_variables.setenv("XDG_CACHE_HOME", "not/absolute")
-    assert program.cache_folder() == tmp_path / ".cache" / "taichi_plume" / "kernels"
+    assert program.cache_folder() == tmp_path / ".cache" / "taichi_plume" / KERNELS
     no_cache_variables.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    assert program.cache_folder() == tmp_path / "cache" / "taichi_plume" / "kernels"
-    no_cache_variables.setenv("TI_OFFLINE_CACHE_FILE_PATH", str(tmp_path / "mine"))
+    assert program.cache_folder() == tmp_path / "cache" / "taichi_plume" / KERNELS
+    no_cache_variables.setenv(FOLDER, str(tmp_path / "mine"))
     assert program.cache_folder() == tmp_path / "mine"
 
 
@@ -72,14 +75,15 @@ def test_a_cache_folder_that_cannot_be_written_is_noted_once_and_not_used(
     assert str(tmp_path / "file") in note
     program._cache()
     assert capsys.readouterr().err == ""
-    assert os.environ["TI_OFFLINE_CACHE"] == "0"
-    assert Path(os.environ["TI_OFFLINE_CACHE_FILE_PATH"]).is_dir(), "Taichi crashes where it has to make it"
+    assert os.environ[SWITCH] == "0"
+    assert Path(os.environ[FOLDER]).is_dir(), "Taichi crashes where it has to make it"
 
 
 def test_a_lock_that_a_killed_process_left_goes(no_cache_variables, tmp_path):
     """With the lock Taichi would store no kernel any more, and every run would compile again."""
-    no_cache_variables.setenv("TI_OFFLINE_CACHE_FILE_PATH", str(tmp_path))
-    lock = tmp_path / "ticache.lock"
+    no_cache_variables.setenv(FOLDER, str(tmp_path))
+    lock = tmp_path / CACHE_LOCK
+    lock.parent.mkdir(exist_ok=True)
     for age, stays in ((1.0, True), (3600.0, False)):
         lock.touch()
         then = time.time() - age
