@@ -90,7 +90,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--list", action="store_true", help="list the cases and exit")
     add(parser, "--out", help="write report.html and report.json there")
     parser.add_argument("--json", action="store_true", help="print the report as JSON")
-    add(parser, "--arch")
+    add(parser, "--arch", "--engine")
     return parser.parse_args(argv)
 
 
@@ -102,10 +102,10 @@ def _examine(
     A case that raises an error counts as failed, one whose data are missing as skipped.
     """
     import platform
-
-    import taichi as ti
+    from importlib.metadata import version
 
     from taichi_plume import __version__
+    from taichi_plume.engine.choice import chosen
     from taichi_plume.validation.case import Case
 
     begin, waiting = perf_counter(), terminal(error=True)
@@ -128,7 +128,7 @@ def _examine(
         "passed": not failed,
         "versions": {
             "taichi_plume": __version__,
-            "taichi": ".".join(map(str, ti.__version__)),
+            chosen(): version(chosen()),
             "python": platform.python_version(),
         },
         "backend": backend,

@@ -20,7 +20,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m taichi_plume.envs", description=description)
     parser.add_argument("task", type=Path, help="YAML file of a scenario; its section `task` sets the films")
     add(parser, "--out", metavar="BANK.zarr", help="file to write (default: NAME_bank.zarr)")
-    add(parser, "--arch", "--set", "--allow-outside", "--quiet", "--debug")
+    add(parser, "--arch", "--engine", "--set", "--allow-outside", "--quiet", "--debug")
     args = parser.parse_args(argv)
     return exit_code(lambda: _record(args), "interrupted: no bank was written", args.debug, args.out)
 

@@ -1,14 +1,28 @@
 """Command-line options that several commands share, and the types of options that take numbers."""
 
-from argparse import ArgumentTypeError, Namespace, _ActionsContainer
+from argparse import Action, ArgumentParser, ArgumentTypeError, Namespace, _ActionsContainer
 from collections.abc import Callable
 from math import inf, isfinite, nan
 from pathlib import Path
 from typing import Any, TypeVar
 
+from taichi_plume.engine.choice import ENGINES, VARIABLE, EngineChoiceError, choose
+
 Number = TypeVar("Number", int, float)
 Keywords = dict[str, Any]
 """Keywords of `add_argument`."""
+
+
+class EngineOption(Action):
+    """Option that chooses the engine as soon as it is read, since imports of the engine follow the choice."""
+
+    def __call__(self, parser: ArgumentParser, namespace: Namespace, name: Any, *_: Any) -> None:
+        try:
+            choose(name)
+        except EngineChoiceError as error:
+            parser.error(str(error))
+        setattr(namespace, self.dest, name)
+
 
 ARCHS = ("auto", "cpu", "cuda", "vulkan", "metal")
 _FLAG: Keywords = {"action": "store_true"}
@@ -19,6 +33,11 @@ OPTIONS: dict[str, Keywords] = {
         "choices": ARCHS,
         "default": "cpu",
         "help": "where to compute; auto takes a GPU if there is one (default: cpu)",
+    },
+    "--engine": {
+        "action": EngineOption,
+        "choices": tuple(ENGINES),
+        "help": f"library that compiles kernels (default: {VARIABLE} of the environment, or taichi)",
     },
     "--set": {
         "action": "append",

@@ -109,8 +109,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     add(parser, "--out")
     add(parser, "--arch", default=None)  # with --resume: the device of the run
     option(parser, "--seed", str, "N", "instead of the scenario's")
-    add(parser, "--duration")
-    add(parser, "--set")
+    add(parser, "--engine", "--duration", "--set")
     check = "only check: print the scenario, derived quantities, unlikely settings and the size, and draw the scene"
     flag(parser, "--check", check)
     flag(parser, "--all", "with --check: print all keys, with their defaults and meanings")

@@ -134,7 +134,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     option(parser, "--speed", str, "X", speed, default="1")
     flag(parser, "--wait", "start each tick when all robots have answered the previous one")
     flag(parser, "--at-once", "start without robots that have not connected yet")
-    add(parser, "--duration", "--out", "--arch", "--set")
+    add(parser, "--duration", "--out", "--arch", "--engine", "--set")
     add(parser, "--no-recording", "--no-report", "--quiet", "--force")
     add(parser, "--allow-code", "--allow-outside", "--debug")
     args = parser.parse_args(argv)

@@ -1,14 +1,18 @@
 """Choice of the engine: names of both libraries, and messages for a wrong choice."""
 
 import ast
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-import taichi_plume
+from taichi_plume.__main__ import main
 from taichi_plume.engine import choice, library
 
-ENGINE = Path(taichi_plume.__file__).parent / "engine"
+ROOT = Path(__file__).parents[2]
+ENGINE = ROOT / "taichi_plume" / "engine"
 OTHER = next(name for name in choice.ENGINES if name != library.NAME)
 
 
@@ -53,3 +57,34 @@ def test_an_engine_that_is_not_installed_is_refused_with_the_command_that_instal
     with pytest.raises(choice.EngineChoiceError) as refused:
         choice.chosen()
     assert refused.value.lines == [f"the engine {OTHER} is not installed: {choice.ENGINES[OTHER]}"]
+
+
+def test_a_process_keeps_its_engine(monkeypatch, capsys):
+    monkeypatch.setenv(choice.VARIABLE, library.NAME)
+    choice.choose(library.NAME)
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "none.yaml", "--engine", OTHER])
+    assert ended.value.code == 2
+    assert f"this process uses {library.NAME}" in capsys.readouterr().err
+    assert os.environ[choice.VARIABLE] == library.NAME
+
+
+@pytest.mark.parametrize("way", ["option", "variable"])
+def test_a_command_with_a_missing_engine_prints_a_line_and_exits_with_2(tmp_path, way):
+    """A folder without installed packages is put before those of this Python."""
+    (tmp_path / "sitecustomize.py").write_text(
+        "import importlib.util as u; plain = u.find_spec\n"
+        f"u.find_spec = lambda name, *more: None if name == {OTHER!r} else plain(name, *more)\n"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != choice.VARIABLE}
+    environment["PYTHONPATH"] = os.pathsep.join([str(tmp_path), str(ROOT)])
+    command = [sys.executable, "-m", "taichi_plume.run", str(ROOT / "configs" / "casting_room.yaml")]
+    if way == "option":
+        command += ["--engine", OTHER]
+    else:
+        environment[choice.VARIABLE] = OTHER
+    ended = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == 2
+    assert ended.stderr == f"the engine {OTHER} is not installed: {choice.ENGINES[OTHER]}\n"
