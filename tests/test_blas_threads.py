@@ -9,6 +9,7 @@ from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.preparation import load_scenario
+from taichi_plume.engine.choice import chosen
 from taichi_plume.execution.result import machine
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.scenario import Scenario
@@ -70,7 +71,8 @@ def test_blas_uses_one_thread_during_a_run_only():
 def test_a_result_names_the_processor_and_the_kernels_of_blas():
     about = machine()
     assert about["processor"]
-    assert {"python", "taichi", "numpy", "scipy"} == about["versions"].keys()
+    assert {"python", about["engine"], "numpy", "scipy"} == about["versions"].keys()
+    assert about["engine"] == chosen()
     wanted = {
         library.get("architecture") for library in ThreadpoolController().select(user_api="blas").info()
     }

@@ -258,7 +258,8 @@ def test_one_of_several_files_may_not_lead_outside(path, tmp_path):
 
 
 def test_what_is_written_out_tells_how_it_is_run_again(path, tmp_path):
-    from taichi_plume.files.run_folder import write_scenario
+    from taichi_plume.engine.choice import DEFAULT, chosen
+    from taichi_plume.files.run_folder import resuming, write_scenario
 
     text = playing("plume.pslog").replace("own.py}", "own.py, parameters: {file: 3, files: here.csv}}")
     path.write_text(text)
@@ -266,7 +267,10 @@ def test_what_is_written_out_tells_how_it_is_run_again(path, tmp_path):
     (tmp_path / "a run").mkdir()
     write_scenario(tmp_path / "a run", scenario, path.parent, "cpu")
     first = (tmp_path / "a run" / "scenario.yaml").read_text().splitlines()[0]
-    assert first.endswith("'{}' --allow-code --allow-outside".format(tmp_path / "a run" / "scenario.yaml"))
+    engine = "" if chosen() == DEFAULT else f" --engine={chosen()}"
+    file = tmp_path / "a run" / "scenario.yaml"
+    assert first.endswith(f"'{file}' --allow-code --allow-outside{engine}")
+    assert resuming(tmp_path / "a run").endswith(f"a run' --allow-code --allow-outside{engine}")
     again = load_scenario(tmp_path / "a run" / "scenario.yaml", allow_outside=True)
     assert again.robots[0].algorithm.file == "../case/own.py"
     assert again.robots[0].algorithm.parameters == {"file": 3, "files": "here.csv"}  # the user's own affair

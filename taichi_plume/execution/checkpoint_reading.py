@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from taichi_plume import __version__
+from taichi_plume.engine.choice import chosen
 from taichi_plume.execution.outputs import OVER, scenario_digest
 from taichi_plume.files import checkpoint, manifest
 from taichi_plume.files.run_folder import RunFolderError, read_json
@@ -22,11 +23,13 @@ def saved(folder: Path) -> dict[str, Any]:
         )
     try:
         content = checkpoint.read(path)
-        version, scenario = content["version"], content["scenario"]
+        version, engine, scenario = content["version"], content["engine"], content["scenario"]
     except (LookupError, TypeError):
         raise RunFolderError(f"{path}: is no checkpoint of a run") from None
     if version != __version__:
         raise RunFolderError(f"{path}: is of version {version}, this is {__version__}; resume with that one")
+    if engine != chosen():
+        raise RunFolderError(f"{path}: was computed with {engine}; resume with --engine {engine}")
     if scenario != scenario_digest(folder):
         raise RunFolderError(f"{folder / 'scenario.yaml'}: has changed since the run was interrupted")
     return content

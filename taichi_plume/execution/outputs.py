@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol
 
 from taichi_plume import __version__
 from taichi_plume.agents.own_algorithm import OwnAlgorithm
+from taichi_plume.engine.choice import chosen
 from taichi_plume.execution import forces_table, maps_output, result, robots_table
 from taichi_plume.execution.signals import SignalRequests
 from taichi_plume.files import checkpoint, disk, manifest
@@ -236,7 +237,8 @@ class Outputs:
         if self.recorder:
             self.recorder.flush()
         self._state = self._state or State(self)
-        about = {"version": __version__, "arch": self.about.arch, "backend": self.about.backend}
+        about = {"version": __version__, "engine": chosen(), "arch": self.about.arch}
+        about |= {"backend": self.about.backend}
         about |= {"recording": self.about.recording, "t": self.sim.t, "wall_s": self.sim.wall_so_far}
         about |= {"scenario": scenario_digest(self.about.folder), "inputs": self._inputs()}
         try:

@@ -11,6 +11,7 @@ import numpy as np
 
 from taichi_plume import __version__
 from taichi_plume.agents.groups import GroupRange
+from taichi_plume.engine.choice import chosen
 from taichi_plume.files.disk import written_whole
 from taichi_plume.files.json_values import json_value
 from taichi_plume.grid.blas import blas_libraries
@@ -61,13 +62,15 @@ def partial_result(sim: TimeLoop, status: str, message: str, backend: str) -> Js
 
 @cache
 def machine() -> Json:
-    """Return what decides the last bits of a run: processor, operating system, BLAS libraries and versions."""
+    """Return what decides the last bits of a run: engine, processor, operating system, BLAS libraries and versions."""
+    engine = chosen()
     return {
+        "engine": engine,
         "processor": _processor(),
         "system": platform.system(),
         "blas": blas_libraries(),
         "versions": {"python": platform.python_version()}
-        | {name: version(name) for name in ("taichi", "numpy", "scipy")},
+        | {name: version(name) for name in (engine, "numpy", "scipy")},
     }
 
 

@@ -1,3 +1,3 @@
 """Readers and writers of file formats, one module each."""
 
-MAY_IMPORT: tuple[str, ...] = ("grid", "guard", "scenario")
+MAY_IMPORT: tuple[str, ...] = ("engine.choice", "grid", "guard", "scenario")

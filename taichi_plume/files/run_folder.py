@@ -15,6 +15,7 @@ from typing import Any, Self
 import yaml
 
 from taichi_plume import __version__
+from taichi_plume.engine.choice import DEFAULT, ENGINES, chosen
 from taichi_plume.files import disk
 from taichi_plume.files.own_folder import LOCK, FolderLock, link_in
 from taichi_plume.guard.input_error import InputError
@@ -54,7 +55,7 @@ LARGEST_JSON = 1 << 28  # bytes
 LONGEST_HEADER = 1 << 16  # bytes
 REPLACING = ".replacing"  # an earlier run while it is moved away or back: the new run has no file yet
 REPLACED = ".replaced"  # the whole earlier run, while the new run creates its files
-OPTIONS = ("--allow-code", "--allow-outside")
+OPTIONS = ("--allow-code", "--allow-outside", *(f"--engine={name}" for name in ENGINES))
 HEADER = "# Every default written out."
 OURS = {"name", "status", "seed"}  # keys of every result.json
 KILLED = "killed"  # status of a killed run after its repair
@@ -311,6 +312,8 @@ def _again(folder: Path, scenario: Scenario, source: Path) -> str:
         options.append(OPTIONS[0])
     if any(outside(folder, str(source.resolve() / name)) for _, name in input_files(scenario)):
         options.append(OPTIONS[1])
+    if (engine := chosen()) != DEFAULT:
+        options.append(f"--engine={engine}")
     command = ["python", "-m", "taichi_plume.run", str(folder / "scenario.yaml"), *options]
     return shlex.join(command)
 
@@ -330,7 +333,7 @@ def write_scenario(
     folder: Path, scenario: Scenario, source: Path, backend: str, called: Path | None = None
 ) -> None:
     """Write scenario.yaml with a header. source: folder of the original; called: final name of the run folder."""
-    versions = ", ".join(f"{name} {version(name)}" for name in ("taichi", "numpy", "rerun-sdk"))
+    versions = ", ".join(f"{name} {version(name)}" for name in (chosen(), "numpy", "rerun-sdk"))
     seeds = "\n".join(f"# {name}: {seed}" for name, seed in scenario.seeds.items())
     header = (
         f"{HEADER} Again: {_again(called or folder, scenario, source)}\n"
