@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from taichi_plume import __version__
+from taichi_plume.engine.choice import chosen
 from taichi_plume.files.manifest import digest
 from taichi_plume.scenario.changes import changed
 from taichi_plume.scenario.comparison import structure
@@ -44,12 +45,12 @@ class Ids(NamedTuple):
 
     def run(self, seed: int, air_seed: int) -> str:
         """Return the id of a run with these seeds."""
-        return _hash([self.scenario, seed, air_seed, __version__])
+        return _hash([self.scenario, seed, air_seed, __version__, chosen()])
 
     def air_of(self, seed: int, air_seed: int) -> str:
         """Return the id of the air (realisation of wind and gas) of a run with these seeds."""
         drawn = ([air_seed] if self.air_by_chance else []) + ([seed] if self.wakes else [])
-        return _hash([self.air, *drawn, __version__])
+        return _hash([self.air, *drawn, __version__, chosen()])
 
 
 class Digests:

@@ -26,6 +26,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from taichi_plume import __version__
+from taichi_plume.engine.choice import VARIABLE, chosen
 from taichi_plume.execution.signals import SignalRequests, ignoring_signals
 from taichi_plume.guard.safe_open import read_regular
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
@@ -211,7 +212,9 @@ class DaskWorkers:
         self.death: type[BaseException] = KilledWorker
         self.remarks: list[str] = []
         content = read_regular(out / "study.yaml")
-        self._why_unusable = partial(why_unusable, __version__, out.resolve(), content, plan.folder.resolve())
+        self._why_unusable = partial(
+            why_unusable, __version__, chosen(), out.resolve(), content, plan.folder.resolve()
+        )
         self._executors: dict[str, Executor] = {}
         self._looked = float("-inf")
         self._lonely = False
@@ -267,13 +270,16 @@ class DaskWorkers:
         self.client.status = "closed"  # otherwise the client's finalizer would wait for an answer again
 
 
-def why_unusable(version: str, out: Path, content: bytes, folder: Path) -> str:
+def why_unusable(version: str, engine: str, out: Path, content: bytes, folder: Path) -> str:
     """Return why the worker process that runs this call cannot be used for a study, in a line; "" if usable.
 
-    version: of the command; out: folder of the study; content: of study.yaml; folder: folder of the base scenario.
+    version, engine: of the command; out: folder of the study; content: of study.yaml; folder: folder of the base
+    scenario.
     """
     if version != __version__:
         return f"has taichi_plume {__version__}, the command has {version}: install the same version there"
+    if engine != chosen():
+        return f"computes with {chosen()}, the command with {engine}: set {VARIABLE}={engine} there"
     try:
         same = read_regular(out / "study.yaml") == content
     except OSError:

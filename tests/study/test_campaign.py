@@ -20,6 +20,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from taichi_plume import __version__
+from taichi_plume.engine.choice import ENGINES, VARIABLE, chosen
 from taichi_plume.studies.store import Store
 from taichi_plume.studies.workers import WorkersError, _require_scheduler, why_unusable
 
@@ -386,15 +387,21 @@ def test_workers_of_no_use(tmp_path, address):
 def test_workers_that_do_not_see_the_folder(tmp_path):
     """They do not, where its study.yaml is not the same."""
     reported = "name: one"
-    assert why_unusable("0.0.1", tmp_path, b"", tmp_path).startswith("has taichi_plume")
+    assert why_unusable("0.0.1", chosen(), tmp_path, b"", tmp_path).startswith("has taichi_plume")
     assert "does not see the study's folder" in why_unusable(
-        __version__, tmp_path, reported.encode(), tmp_path
+        __version__, chosen(), tmp_path, reported.encode(), tmp_path
     )
     (tmp_path / "study.yaml").write_text(reported)
-    assert why_unusable(__version__, tmp_path, reported.encode(), tmp_path) == ""
+    assert why_unusable(__version__, chosen(), tmp_path, reported.encode(), tmp_path) == ""
     assert "does not see the scenario's folder" in why_unusable(
-        __version__, tmp_path, reported.encode(), tmp_path / "no"
+        __version__, chosen(), tmp_path, reported.encode(), tmp_path / "no"
     )
+
+
+def test_workers_with_another_engine(tmp_path):
+    other = next(name for name in ENGINES if name != chosen())
+    why = why_unusable(__version__, other, tmp_path, b"", tmp_path)
+    assert why == f"computes with {chosen()}, the command with {other}: set {VARIABLE}={other} there"
 
 
 def test_workers_with_several_threads(tmp_path, address):

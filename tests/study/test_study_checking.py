@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from taichi_plume.assembly.preparation import checked, load_scenario
+from taichi_plume.engine.choice import ENGINES
 from taichi_plume.scenario.checks import every
 from taichi_plume.scenario.loading import ScenarioError, read_scenario
 from taichi_plume.scenario.vocabulary import Model
@@ -49,6 +50,17 @@ def test_the_checks_see_every_section(path):
     scenario = load_scenario(path, (), True)
     found = [section for _, section in every(scenario)]
     assert sorted(map(id, found)) == sorted(map(id, models(scenario)))
+
+
+def test_runs_with_another_engine_have_other_ids(monkeypatch):
+    """A study that is resumed with another engine does not mix the results of both."""
+    path = CONFIGS / "casting_room.yaml"
+    ids = Digests(path.parent).ids(load_scenario(path), {})
+    made = []
+    for name in ENGINES:
+        monkeypatch.setattr("taichi_plume.studies.ids.chosen", lambda name=name: name)
+        made += [ids.run(1, 1), ids.air_of(1, 1)]
+    assert len(set(made)) == 2 * len(ENGINES)
 
 
 def test_ids_of_a_film_are_of_what_it_holds(tmp_path):
