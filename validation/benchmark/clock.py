@@ -105,7 +105,9 @@ def _first_command(name: str, checkout: Path, args: argparse.Namespace) -> Figur
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "taichi_plume.run", "configs/casting_room.yaml", "--arch", args.arch]
         begin, cpu = time.perf_counter(), _cpu_of_children()
-        _output([*command, "--out", f"{folder}/run"], checkout, TI_OFFLINE_CACHE_FILE_PATH=f"{folder}/cache")
+        _output(
+            [*command, "--out", f"{folder}/run"], checkout, **dict.fromkeys(start.CACHES, f"{folder}/cache")
+        )
         return {"s": time.perf_counter() - begin, "CPU s": _cpu_of_children() - cpu}
 
 

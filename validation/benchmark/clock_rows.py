@@ -9,6 +9,7 @@ import os
 import sys
 import tempfile
 import time
+from importlib import import_module
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -33,9 +34,9 @@ STEPS = {"arena_2d": "arena_2d", "box_2d": "box_2d", "box_3d": "box_3d"}
 
 def scenario(checkout: Path, arch: str, config: str, span: tuple[float, float], *more: str) -> Figures:
     """Run the command on a scenario and return timings of a span [s] of it, with recording, tables and maps."""
-    import taichi as ti
-
     from taichi_plume.__main__ import main
+
+    ti = import_module(os.environ.get("TAICHI_PLUME_ENGINE") or "taichi")
 
     try:
         from taichi_plume.time_loop import Every, TimeLoop

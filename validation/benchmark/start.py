@@ -16,9 +16,12 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from importlib import import_module
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
+CACHES = ("TI_OFFLINE_CACHE_FILE_PATH", "QD_OFFLINE_CACHE_FILE_PATH")
+"""Variables of both engines with the folder of compiled kernels."""
 
 
 @dataclass(frozen=True)
@@ -41,10 +44,10 @@ class Start:
 
 def first_tick(config: Path, arch: str = "cpu") -> int:
     """Run a scenario to the end of its first tick; return the number of kernels, compiled or cached."""
-    import taichi as ti
-    from taichi.lang import impl
-
     from taichi_plume import load_scenario
+
+    engine = os.environ.get("TAICHI_PLUME_ENGINE") or "taichi"
+    ti, impl = import_module(engine), import_module(f"{engine}.lang.impl")
 
     try:
         from taichi_plume.assembly.assemble import assemble
@@ -72,7 +75,7 @@ def first_tick(config: Path, arch: str = "cpu") -> int:
 
 def _measured(checkout: Path, config: Path, cold: bool, cache: str, arch: str) -> Start:
     """Return the cost of the start of a process. Raises RuntimeError if the process fails."""
-    environment = os.environ | {"PYTHONPATH": str(checkout), "TI_OFFLINE_CACHE_FILE_PATH": cache}
+    environment = os.environ | {"PYTHONPATH": str(checkout), **dict.fromkeys(CACHES, cache)}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)  # the second start of a user finds compiled modules
     command = [sys.executable, __file__, "--tick", str(config), "--arch", arch]
     begin = time.perf_counter()
