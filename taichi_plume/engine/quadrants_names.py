@@ -12,6 +12,7 @@ import quadrants as taichi
 from quadrants._lib import core
 from quadrants.lang import (
     _func_base,
+    _kernel_impl_dataclass,
     impl,
     kernel_arguments,
     kernel_impl,
@@ -55,6 +56,21 @@ CALL_BUILDER, CALL_OF_TYPE, CALL_OF_BUILTIN = (
 SOURCE_READERS = ((_func_base, "get_source_info_and_src", ("func",)),)
 TEXT_WRAPPER = _func_base
 POSITION = (ASTTransformerFuncContext, "memoized_get_pos_info")
+
+
+def _flattened(
+    tree: ast.Module,
+    struct_locals: set[str],
+    plain: Callable = _kernel_impl_dataclass.unpack_ast_struct_expressions,
+) -> ast.Module:
+    """Return a function's tree in which members of dataclass arguments are variables.
+
+    Quadrants copies the tree of each called function, a fifth of the tracing, even if there are no such arguments.
+    """
+    return plain(tree, struct_locals) if struct_locals else tree
+
+
+_kernel_impl_dataclass.unpack_ast_struct_expressions = _flattened
 
 
 def node_built(node: Any) -> None:
