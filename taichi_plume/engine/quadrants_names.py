@@ -1,6 +1,8 @@
 """Names of Quadrants 1.3 that the engine uses, as `taichi_names` defines them for Taichi."""
 
 # ruff: noqa: F401  `library` exports the names that are imported here
+# The package is an extra, which the type checker may not find:
+# pyright: reportMissingImports=false
 
 import ast
 import textwrap
