@@ -207,9 +207,10 @@ def test_puffs_go_round_a_periodic_axis():
 
 
 PROGRAM = """
-import numpy as np, sys, taichi as ti
+import sys
+from taichi_plume.engine import program
 sys.path.insert(0, "tests/solvers")
-ti.init(ti.cpu, cpu_max_num_threads=int(sys.argv[1]), log_level=ti.ERROR)
+program.start(threads=int(sys.argv[1]))
 from test_puffs import digest
 print(digest())
 """
