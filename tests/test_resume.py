@@ -10,7 +10,7 @@ from scripts import read_result
 from taichi_plume import __version__
 from taichi_plume.cli import run
 from taichi_plume.engine import ti
-from taichi_plume.engine.choice import VARIABLE
+from taichi_plume.engine.choice import ENGINES, chosen
 from taichi_plume.execution import checkpoint_reading
 from taichi_plume.execution.outputs import scenario_digest
 from taichi_plume.files import checkpoint, manifest
@@ -122,13 +122,13 @@ def test_only_what_is_read_again_has_to_be_the_same(tmp_path):
         checkpoint_reading.require_same(folder, inputs, [read])
 
 
-def test_a_run_is_resumed_with_its_own_engine(tmp_path, monkeypatch):
+def test_a_run_is_resumed_with_its_own_engine(tmp_path):
     """Another engine gives other last bits."""
     (tmp_path / "scenario.yaml").write_text("name: a")
     about = {"version": __version__, "scenario": scenario_digest(tmp_path)}
-    monkeypatch.setenv(VARIABLE, "taichi")
-    checkpoint.write(tmp_path / checkpoint.NAME, about | {"engine": "taichi"})
-    assert checkpoint_reading.saved(tmp_path)["engine"] == "taichi"
-    checkpoint.write(tmp_path / checkpoint.NAME, about | {"engine": "quadrants"})
-    with pytest.raises(RunFolderError, match="computed with quadrants; resume with --engine quadrants"):
+    checkpoint.write(tmp_path / checkpoint.NAME, about | {"engine": chosen()})
+    assert checkpoint_reading.saved(tmp_path)["engine"] == chosen()
+    other = next(name for name in ENGINES if name != chosen())
+    checkpoint.write(tmp_path / checkpoint.NAME, about | {"engine": other})
+    with pytest.raises(RunFolderError, match=f"computed with {other}; resume with --engine {other}"):
         checkpoint_reading.saved(tmp_path)

@@ -1,3 +1,3 @@
-"""Engine: Taichi, with fields in NumPy's memory and kernels that know no room. Only this package names Taichi."""
+"""Engine: Taichi or Quadrants, which only this package names; fields in NumPy's memory, kernels that know no room."""
 
 MAY_IMPORT: tuple[str, ...] = ("guard",)

@@ -26,8 +26,15 @@ def is_installed(name: str) -> bool:
     return name in sys.modules or find_spec(name) is not None
 
 
+def imported() -> str | None:
+    """Return the name of the engine that this process has imported; None if there is none yet."""
+    return getattr(sys.modules.get("taichi_plume.engine.library"), "NAME", None)
+
+
 def chosen() -> str:
-    """Return the name of the chosen engine. Raises EngineChoiceError."""
+    """Return the name of the engine of this process. Raises EngineChoiceError."""
+    if name := imported():
+        return name
     name = os.environ.get(VARIABLE) or DEFAULT
     if name not in ENGINES:
         raise EngineChoiceError(
@@ -40,7 +47,6 @@ def chosen() -> str:
 
 def choose(name: str) -> None:
     """Choose the engine of this process and its children. Raises EngineChoiceError if another engine is imported."""
-    imported = sys.modules.get("taichi_plume.engine.library")
-    if imported is not None and name != imported.NAME:
-        raise EngineChoiceError(f"this process uses {imported.NAME}; start a new one, with {VARIABLE}={name}")
+    if imported() not in (None, name):
+        raise EngineChoiceError(f"this process uses {imported()}; start a new one, with {VARIABLE}={name}")
     os.environ[VARIABLE] = name

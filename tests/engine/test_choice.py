@@ -44,16 +44,33 @@ def test_both_libraries_have_all_names_of_the_engine(module):
     assert used - {"NAME"} <= defined(module)
 
 
-def test_an_unknown_engine_is_refused_by_a_line(monkeypatch):
-    monkeypatch.setenv(choice.VARIABLE, "abacus")
+@pytest.fixture
+def fresh(monkeypatch):
+    """Process that has not imported an engine yet."""
+    monkeypatch.delitem(sys.modules, library.__name__)
+    return monkeypatch
+
+
+def test_the_variable_chooses_the_engine_until_one_is_imported(monkeypatch):
+    monkeypatch.setenv(choice.VARIABLE, OTHER)
+    monkeypatch.setattr(choice, "is_installed", lambda name: True)
+    assert choice.chosen() == library.NAME
+    monkeypatch.delitem(sys.modules, library.__name__)
+    assert choice.chosen() == OTHER
+    monkeypatch.delenv(choice.VARIABLE)
+    assert choice.chosen() == "taichi"
+
+
+def test_an_unknown_engine_is_refused_by_a_line(fresh):
+    fresh.setenv(choice.VARIABLE, "abacus")
     with pytest.raises(choice.EngineChoiceError) as refused:
         choice.chosen()
     assert refused.value.lines == [f"{choice.VARIABLE}: got 'abacus', allowed are taichi, quadrants"]
 
 
-def test_an_engine_that_is_not_installed_is_refused_with_the_command_that_installs_it(monkeypatch):
-    monkeypatch.setenv(choice.VARIABLE, OTHER)
-    monkeypatch.setattr(choice, "is_installed", lambda name: False)
+def test_an_engine_that_is_not_installed_is_refused_with_the_command_that_installs_it(fresh):
+    fresh.setenv(choice.VARIABLE, OTHER)
+    fresh.setattr(choice, "is_installed", lambda name: False)
     with pytest.raises(choice.EngineChoiceError) as refused:
         choice.chosen()
     assert refused.value.lines == [f"the engine {OTHER} is not installed: {choice.ENGINES[OTHER]}"]
