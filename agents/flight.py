@@ -35,7 +35,7 @@ WINGS: dict[str, Callable[[Group], float]] = {
 class Flying(Columns):
     """Mixin of the swarm for the flight of drones."""
 
-    def _allocate_flight(self, sources: np.ndarray, walkers: Sequence[Obstacle]) -> None:
+    def _set_flight(self, sources: np.ndarray, walkers: Sequence[Obstacle]) -> None:
         """Set the fields that only swarms with drones have, at the start of a run; sources: (m, 3) [m]."""
         self.first_altitude = ti.filled(self._each(lambda group: group.start_altitude), ti.f32)
         self.altitude.copy_from(self.first_altitude)

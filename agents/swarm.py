@@ -93,7 +93,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         if len(sources):
             self.sources.from_numpy(sources[:, :2])
         if self.flies:
-            self._allocate_flight(sources, walkers)
+            self._set_flight(sources, walkers)
         self._list_members()
         self.contact = Contact(self)
         if self.reckons:

@@ -1,7 +1,7 @@
 """Matrices between clusters of cells that act on one another from afar: blocks, and a remainder of low rank.
 
-An obstacle feels the potential of another one as a few multipoles, so that the blocks between them have ranks of about
-ten (Hackbusch 1999, doi:10.1007/s006070050015).
+The potential of one obstacle at another is that of a few multipoles, so that the blocks between them have ranks of
+about ten (Hackbusch 1999, doi:10.1007/s006070050015).
 """
 
 from itertools import pairwise
@@ -12,15 +12,15 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-GAP = 3.0  # cells: those closer together belong to one cluster
-MOST = 8  # clusters
+GAP = 3.0  # largest distance of neighbours in one cluster [cells]
+MOST_CLUSTERS = 8
 UNDIVIDED = 500  # cells up to which a matrix stays in the cache of the processor
 RANK = 48  # largest rank of the blocks of a cluster with all others
 
 
 def clusters(cells: np.ndarray) -> np.ndarray:
-    """Return the number of the cluster of each cell (n, dim): cells of an obstacle or of neighbouring ones; 0 if the
-    cells are few.
+    """Return the number of the cluster of each cell (n, dim). Cells of one obstacle, or of obstacles within GAP, share
+    a cluster; below UNDIVIDED cells all numbers are 0.
     """
     if len(cells) < UNDIVIDED:
         return np.zeros(len(cells), int)
@@ -31,7 +31,7 @@ def clusters(cells: np.ndarray) -> np.ndarray:
     order = np.argsort(np.bincount(part, cells[:, 0]) / sizes, kind="stable")
     middle = np.cumsum(sizes[order]) - 0.5 * sizes[order]
     merged = np.empty(len(sizes), int)
-    merged[order] = middle * MOST // len(cells)
+    merged[order] = middle * MOST_CLUSTERS // len(cells)
     return np.unique(merged[part], return_inverse=True)[1]
 
 
@@ -40,21 +40,22 @@ class ClusterMatrix:
 
     def __init__(self, matrix: np.ndarray, sizes: np.ndarray):
         """Split a matrix into blocks of these sizes, unless more than two thirds of the memory would remain."""
+        self.blocks, self.left = [(slice(None), matrix)], np.zeros((0, 0), np.float32)
+        self.right = self.left
+        if 3 * (sizes**2).sum() >= 2 * matrix.size:
+            return
         ends = np.concatenate([[0], np.cumsum(sizes)])
         rows = [slice(a, b) for a, b in pairwise(ends)]
-        others = [matrix[r].copy() for r in rows]
-        for r, other in zip(rows, others, strict=True):
-            other[:, r] = 0.0
-        tolerance = 3e-7 * np.abs(matrix).max()
-        factors = [_low_rank(other, tolerance) for other in others]
+        tolerance, factors = 3e-7 * np.abs(matrix).max(), []
+        for r in rows:
+            others = matrix[r].copy()
+            others[:, r] = 0.0
+            factors.append(_low_rank(others, tolerance))
         entries = (sizes**2).sum() + 2 * len(matrix) * sum(len(right) for _, right, _ in factors)
         if all(exact for _, _, exact in factors) and 3 * entries < 2 * matrix.size:
             self.blocks = [(r, np.ascontiguousarray(matrix[r, r])) for r in rows]
             self.left = np.asarray(scipy.linalg.block_diag(*(left for left, _, _ in factors)))
             self.right = np.concatenate([right for _, right, _ in factors])
-        else:
-            self.blocks = [(slice(None), matrix)]
-            self.left = self.right = np.zeros((0, 0), np.float32)
 
     def times(self, x: np.ndarray) -> np.ndarray:
         """Return the product with a vector (n,), f32."""

@@ -1,5 +1,5 @@
-"""Direct solvers of the Poisson equation of the pressure projection: sparse LU factors; FFTs and tridiagonal equations
-for empty boxes.
+"""Direct solvers of the Poisson equation of the pressure projection: sparse LU factors; transforms and
+tridiagonal equations for empty boxes.
 """
 
 from collections.abc import Callable, Sequence

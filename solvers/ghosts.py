@@ -32,24 +32,34 @@ class Ghosts:
 
     def _filling(self, u: Faces, d: int, c: int) -> Pass:
         """Return the pass that sets the ghost values of component c beyond the boundary faces of axis d."""
-        ranges = [(int(a == 0 and d > 0), n) for a, n in enumerate(self.b.sides[d])]  # nothing reads corners
+        ranges = [
+            (int(a == 0 and d > 0), n) for a, n in enumerate(self.b.sides[d])
+        ]  # nothing reads x = 0, which has no lower face
         beyond = self._mirrored if d == c else self._beyond
         place = partial(self._ghost, d, d == c)
-        return sweep(partial(beyond, u, d, c), (u[c],) * self.grid.ghost, ranges, place)
+        return sweep(partial(beyond, u, d, c), (u[c],) * self.grid.ghost, ranges, place, int(d == 0))
 
     def prescribing(self, u: Faces, u0: Faces) -> list[Pass]:
         """Return the passes that set prescribed velocities at a fraction `a` of the step, between u0 at its start and
         the targets at its end, and the upper faces of periodic axes.
         """
         return [
-            sweep(partial(self._prescribed, u, u0, d), u[d], self._sides(d), partial(self._face, d))
+            sweep(
+                partial(self._prescribed, u, u0, d), u[d], self._sides(d), partial(self._face, d), int(d == 0)
+            )
             for d in range(self.dim)
         ]
 
     def filling_pressure(self, p: Field, with_ambient: bool) -> list[Pass]:
         """Return the passes that set the ghost values of p such that free faces have the ambient pressure (or zero)."""
         return [
-            sweep(partial(self._outer, p, with_ambient, d), p, self._sides(d), partial(self._first_ghost, d))
+            sweep(
+                partial(self._outer, p, with_ambient, d),
+                p,
+                self._sides(d),
+                partial(self._first_ghost, d),
+                int(d == 0),
+            )
             for d in range(self.dim)
         ]
 
@@ -60,7 +70,8 @@ class Ghosts:
         The pressure relaxes over dt (a) at the rate that is stable for any loss coefficient K.
         """
         return [
-            sweep(partial(self._relaxed, u, m, d), self.b.ambient[d], self._sides(d)) for d in range(self.dim)
+            sweep(partial(self._relaxed, u, m, d), self.b.ambient[d], self._sides(d), axis=int(d == 0))
+            for d in range(self.dim)
         ]
 
     def _sides(self, d: int) -> list[tuple[int, int]]:
@@ -115,7 +126,7 @@ class Ghosts:
         values = ti.Vector.zero(ti.f32, g)
         if ti.static(self.grid.periodic[d]):
             for m in ti.static(range(g)):
-                values[m] = u[c][inner - D * outward * (n - 1 - m)]
+                values[m] = u[c][inner - D * outward * (n - 1 - m % n)]
         else:
             V = self.b.target[d][K][c]
             wall, drawn = self._conditions(K, d, c, outward)
@@ -146,7 +157,8 @@ class Ghosts:
         values = ti.Vector.zero(ti.f32, g)
         if ti.static(self.grid.periodic[d]):
             for m in ti.static(range(g)):
-                values[m] = u[d][face + D * (upper * (m - n) + (1 - upper) * (n - m - 1))]
+                steps = m % n  # an axis may have fewer cells than ghost layers
+                values[m] = u[d][face + D * (upper * (steps - n) + (1 - upper) * (n - 1 - steps))]
         else:
             at = u[d][face]
             still = ti.select(at * outward > 0.0, at, 0.0)  # still air comes in

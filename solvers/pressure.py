@@ -38,7 +38,9 @@ def pressure_solver(faces: tuple[np.ndarray, ...], grid: Grid) -> PressureSolver
 
 @geometry_cached
 def _direct_solver(faces: tuple[np.ndarray, ...], grid: Grid) -> PressureSolver | None:
-    """Return a solver with factors, which has no state; None if multigrid is faster."""
+    """Return a solver with factors; None if multigrid is faster. Simulations may share it, as each call of `solve`
+    overwrites its arrays.
+    """
     fractions = OpenFractions.of(faces, grid)
     changes = Changes.of(fractions, grid)
     if not len(changes.near):

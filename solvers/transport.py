@@ -108,7 +108,13 @@ class Transport:
         self._add_sources = launch(add_sources) if add_sources else None
         self._stage = launch(
             *(
-                sweep(partial(self._beyond, d), (self.q,) * grid.ghost, ranges, partial(self._ghost, d))
+                sweep(
+                    partial(self._beyond, d),
+                    (self.q,) * grid.ghost,
+                    ranges,
+                    partial(self._ghost, d),
+                    int(d == 0),
+                )
                 for d, ranges in enumerate([(0, n) for n in side] for side in self._sides)
             ),
             flux_sweep(
@@ -197,7 +203,7 @@ class Transport:
         values = ti.Vector.zero(ti.f32, g)
         if ti.static(self.grid.periodic[d]):
             for m in ti.static(range(g)):
-                values[m] = self.q[inner - D * outward * (n - 1 - m)]
+                values[m] = self.q[inner - D * outward * (n - 1 - m % n)]
         else:
             out = self.wind.u[d][inner + D * J[d]] * outward
             beyond = 0.0

@@ -45,7 +45,10 @@ class Walls:
         axes = [d for d in range(self.dim) if self.b.is_wall[d].any()]
         inner = {d: [(0, n - (a != d)) for a, n in enumerate(self.b.sides[d])] for d in axes}
         return [
-            sweep(partial(self._measured, u, d), (self.bend[d], self.viscosity[d]), inner[d]) for d in axes
+            sweep(
+                partial(self._measured, u, d), (self.bend[d], self.viscosity[d]), inner[d], axis=int(d == 0)
+            )
+            for d in axes
         ]
 
     def extending(self, nu: Field) -> list[Pass]:
@@ -54,7 +57,11 @@ class Walls:
         """
         return [
             sweep(
-                partial(self._beyond, nu, d), nu, [(0, n) for n in self.b.sides[d]], partial(self._outside, d)
+                partial(self._beyond, nu, d),
+                nu,
+                [(0, n) for n in self.b.sides[d]],
+                partial(self._outside, d),
+                int(d == 0),
             )
             for d in range(self.dim)
             if not self.grid.periodic[d]

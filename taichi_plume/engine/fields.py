@@ -46,7 +46,7 @@ class Layout:
 
 
 class ArrayField:
-    """ArrayField of numbers, or of vectors of n numbers, over a layout. Inside kernels, ``field[I]``.
+    """Field of numbers, or of vectors of n numbers, over a layout. Inside kernels, ``field[I]``.
 
     Vectors lie side by side in memory or, over a layout with a contiguous first axis, their components lie apart, so
     that loops along this axis are vectorised. On the host ``values`` is an array with the field's shape, and a last
@@ -141,7 +141,9 @@ def filled(values: Any, dtype: Any = None) -> Field:
 
 
 def filled_vectors(rows: Any, dtype: Any = None) -> Field:
-    """Return a new field of vectors, the last axis of `rows`; types and empty lists as for `filled`."""
+    """Return a new field of vectors, the last axis of `rows`; types as for `filled`. Without rows, (0, n), the field
+    has a single vector of zeros.
+    """
     rows = np.asarray(rows)
     return _filled(rows, dtype, rows.shape[-1])
 

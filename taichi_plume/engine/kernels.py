@@ -167,7 +167,7 @@ class Bound:
             if argument is not last[n] or self.context is None:
                 put, place = self.setters[n]
                 put(context, place, argument)
-                last[n] = argument
+                last[n] = argument if isinstance(argument, int | float) else None  # others may change inside
         self.program.launch_kernel(self.instance.compiled, context)
         if self.returns:
             if not self.reusable:

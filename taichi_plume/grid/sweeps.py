@@ -33,17 +33,16 @@ def store(out: Template, here: Template, rest, values: Template, offset: Templat
 
 
 @ti.func
-def itself(I, m: Template):
+def same_cell(I, m: Template):
     """Return cell I, where a sweep stores the value of cell I."""
     return I
 
 
 class _Sweep:
-    def __init__(self, body: Callable, outs: Sequence[Field], ranges: Ranges, place: Callable):
+    def __init__(self, body: Callable, outs: Sequence[Field], ranges: Ranges, place: Callable, axis: int):
         self.body, self.outs, self.place = body, tuple(outs), place
         self.dim, self.count, self.cells = len(ranges), len(outs), prod(end - begin for begin, end in ranges)
-        both_sides = on_cpu() and self.dim > 1 and ranges[0][1] - ranges[0][0] == 2
-        self.axis = int(both_sides)  # else 0, which is contiguous in memory
+        self.axis = axis if on_cpu() else 0
         self.begin, self.end = ranges[self.axis]
         self.strips = -(-(self.end - self.begin) // LANES)
         self.rows = tuple(ranges[d] for d in reversed(range(self.dim)) if d != self.axis)  # last axis slowest
@@ -56,10 +55,13 @@ class _Sweep:
         here = ti.row(row, (self.outs[0],), self.dim, self.axis, first)
         values = ti.Vector([0.0] * LANES * self.count)
         for n in range(LANES):
+            lane = n
+            if ti.static(self.axis == 1):  # a step is a row of memory, and SLACK some entries
+                lane = ti.min(n, self.end - 1 - first)
             if ti.static(self.count == 1):
-                values[n] = self.body(ti.along(here, n, self.axis), a, b)
+                values[n] = self.body(ti.along(here, lane, self.axis), a, b)
             else:
-                several = self.body(ti.along(here, n, self.axis), a, b)
+                several = self.body(ti.along(here, lane, self.axis), a, b)
                 for m in ti.static(range(self.count)):
                     values[n + LANES * m] = several[m]
         for m in ti.static(range(self.count)):
@@ -88,18 +90,21 @@ class _Sweep:
                     self.outs[m][self.place(I, m)] = several[m]
 
 
-def sweep(body: Callable, out: Field | tuple[Field, ...], ranges: Ranges, place: Callable = itself) -> Pass:
+def sweep(
+    body: Callable, out: Field | tuple[Field, ...], ranges: Ranges, place: Callable = same_cell, axis: int = 0
+) -> Pass:
     """Return a pass that sets ``out[I] = body(I, a, b)`` for I in a range per axis.
 
     body: ti.func of an index and two scalars, without stores and with `ti.select` for `if`; it may read `out` at I
     only. If `out` is a tuple of fields, body returns a vector with a value for each field. place: ti.func (I, m) of
-    the entry of the m-th field to set instead of I, in another row.
+    the entry of the m-th field to set instead of I, in another row. axis: of the rows on a CPU, which should be
+    contiguous in memory; 1 for the two sides of axis 0, as a row of two would fill no strip.
     """
-    sweep = _Sweep(body, out if isinstance(out, tuple) else (out,), ranges, place)
+    loops = _Sweep(body, out if isinstance(out, tuple) else (out,), ranges, place, axis)
     if not on_cpu():
-        return Pass(sweep.by_cell, sweep.cells)
-    parallel = sweep.few_rows and sweep.cells > FEW_CELLS
-    return Pass(sweep.by_strip if parallel else sweep.by_row, sweep.cells)
+        return Pass(loops.by_cell, loops.cells)
+    parallel = loops.few_rows and loops.cells > FEW_CELLS
+    return Pass(loops.by_strip if parallel else loops.by_row, loops.cells)
 
 
 class _FluxSweep:
@@ -115,7 +120,7 @@ class _FluxSweep:
         self.count = (self.top - self.bottom) * self.blocks * self.panels
 
     @ti.func
-    def less(self, x, y):
+    def difference(self, x, y):
         """Return the difference of two fluxes, in f64 if the sum is to be exact."""
         if ti.static(self.exact):
             return ti.cast(x, ti.f64) - ti.cast(y, ti.f64)
@@ -154,11 +159,11 @@ class _FluxSweep:
                     above[n] = self.fluxes[1](ti.along(here, n) + Y)
                 for n in range(LANES):
                     I = ti.along(here, n)
-                    net = self.less(below[k * LANES + n], above[n])
-                    net += self.less(along[k * LANES + n], along[k * LANES + n + 1])
+                    net = self.difference(below[k * LANES + n], above[n])
+                    net += self.difference(along[k * LANES + n], along[k * LANES + n + 1])
                     if ti.static(self.dim == 3):
                         Z = ti.Vector.unit(self.dim, 2, ti.i32)
-                        net += self.less(self.fluxes[2](I), self.fluxes[2](I + Z))
+                        net += self.difference(self.fluxes[2](I), self.fluxes[2](I + Z))
                     values[n] = self.body(I, net, a, b)
                 for n in range(LANES):
                     below[k * LANES + n] = above[n]
@@ -179,9 +184,11 @@ class _FluxSweep:
     def by_cell(self, a, b):
         for J in ti.grouped(ti.ndrange(*self.ranges)):
             I = ti.along(ti.row(J, (self.out,)), J[self.dim - 1])
-            net = self.less(0.0, 0.0)
+            net = self.difference(0.0, 0.0)
             for e in ti.static(range(self.dim)):
-                net += self.less(self.fluxes[e](I), self.fluxes[e](I + ti.Vector.unit(self.dim, e, ti.i32)))
+                net += self.difference(
+                    self.fluxes[e](I), self.fluxes[e](I + ti.Vector.unit(self.dim, e, ti.i32))
+                )
             self.out[I] = self.body(I, net, a, b)
 
 
@@ -197,7 +204,7 @@ def flux_sweep(
     On a CPU the fluxes along a row and between rows are computed once, for both volumes beside the side; those between
     layers twice, so that layers are independent.
     """
-    sweep = _FluxSweep(fluxes, body, out, ranges, exact)
+    loops = _FluxSweep(fluxes, body, out, ranges, exact)
     if not on_cpu():
-        return Pass(sweep.by_cell, sweep.cells)
-    return Pass(sweep.by_part if sweep.cells > FEW_CELLS else sweep.in_order, sweep.cells)
+        return Pass(loops.by_cell, loops.cells)
+    return Pass(loops.by_part if loops.cells > FEW_CELLS else loops.in_order, loops.cells)

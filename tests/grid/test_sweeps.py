@@ -41,10 +41,11 @@ def slope(q: ti.template(), dim: ti.template(), I, a, b):
     return a * (q[I + x] - q[I - x]) + b * q[I - y]
 
 
+@pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_a_sweep_sets_the_cells_of_its_range_and_no_other(shape):
+def test_a_sweep_sets_the_cells_of_its_range_and_no_other(shape, axis):
     (q, values), out = filled(shape, 1), unset(shape)
-    launch(sweep(partial(slope, q, len(shape)), out, [(1, n - 1) for n in shape]))(2.0, 0.5)
+    launch(sweep(partial(slope, q, len(shape)), out, [(1, n - 1) for n in shape], axis=axis))(2.0, 0.5)
     expected, inside = np.full(shape, UNSET), (slice(1, -1),) * len(shape)
     below = np.roll(values, 1, axis=-1)
     expected[inside] = (2.0 * (np.roll(values, -1, 0) - np.roll(values, 1, 0)) + 0.5 * below)[inside]
@@ -97,3 +98,16 @@ def test_the_net_flux_is_what_enters_less_what_leaves(shape, exact):
     expected, inside = np.full(shape, UNSET), (slice(1, -1),) * len(shape)
     expected[inside] = (0.5 * net + 2.0)[inside]
     np.testing.assert_allclose(out.to_numpy(), expected, rtol=1e-6, atol=1e-5)
+
+
+@ti.func
+def noted(farthest: ti.template(), I, a, b):
+    ti.atomic_max(farthest[None], I[1])
+    return 1.0
+
+
+def test_rows_across_the_memory_are_not_left():
+    """Along axis 1 a step is a row of memory: beyond the last one lies another's."""
+    farthest = ti.field(ti.i32, ())
+    launch(sweep(partial(noted, farthest), unset((2, 50)), [(0, 2), (0, 2 * LANES + 1)], axis=1))()
+    assert farthest[None] == 2 * LANES

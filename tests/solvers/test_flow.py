@@ -195,3 +195,19 @@ def test_the_flow_past_a_sphere_has_no_preferred_axis():
     largest = max(np.abs(u).max() for u in first)
     for d in range(3):
         np.testing.assert_allclose(other[(d + 1) % 3].transpose(1, 2, 0), first[d], atol=1e-4 * largest)
+
+
+@pytest.mark.parametrize("shape", [(1, 9), (2, 9), (9, 2), (12, 9), (2, 3, 4)])
+def test_ghost_values_of_periodic_axes_repeat_the_air_inside(shape):
+    grid = Grid(shape, 0.1, periodic=(True,) * len(shape))
+    flow, g = flow_in(grid, cfd()), grid.ghost
+    rng = np.random.default_rng(1)
+    inner = [rng.standard_normal(shape).astype(np.float32) for _ in shape]
+    for u, values in zip(flow.u, inner, strict=True):
+        u.from_numpy(grid.pad(values))
+    flow._fill()
+    for u, values in zip(flow.u, inner, strict=True):
+        for a in range(grid.dim):
+            beside = tuple(slice(None) if b == a else slice(g, g + n) for b, n in enumerate(shape))
+            width = [(g, g) if b == a else (0, 0) for b in range(grid.dim)]
+            np.testing.assert_array_equal(u.to_numpy()[beside], np.pad(values, width, mode="wrap"))

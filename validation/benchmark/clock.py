@@ -7,8 +7,8 @@
 Each row is measured in its own process, one after the other; several checkouts in turns, row by row. A run is timed in
 its steady state, past its first seconds; only `first_command` and the first ticks include the start. `triad` is the
 memory bandwidth of the same minute, `load` the load average before. With --jax and --openfoam the same work is measured
-with jax-cfd and with OpenFOAM's pimpleFoam on the same machine, in the arena with the obstacles and without; judged is
-the second, as pimpleFoam takes shorter steps beside obstacles, not longer for a step. The two
+with jax-cfd and with OpenFOAM's pimpleFoam on the same machine, in the arena with the obstacles and without; the
+verdict is on the second: beside obstacles pimpleFoam only takes shorter steps. The two
 processes of pimpleFoam wait for each other: under other load it takes ten times as long. Pass times of a quiet machine
 with --openfoam-seconds instead.
 """
