@@ -21,7 +21,8 @@ Expression: TypeAlias = Any
 STRIP = 32  # cells per strip; 100 and more are six times slower (LLVM stops using registers)
 MANY_CELLS = 50_000  # cells set by a pass: from here on a separate launch costs comparatively little
 FEW_CELLS = 300_000  # cells set by a pass: up to here the caller's thread is done before another wakes up
-FEW_ROWS = 2000  # Taichi gives a CPU thread 512 iterations at least: with fewer rows, strips are tasks too
+CHUNK = 512  # iterations that Taichi gives a CPU thread at least
+FEW_ROWS = 2000  # with fewer rows, strips are tasks too
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,5 @@
-"""Sweeps beside NumPy, on rows that strips and panels divide in every way, as on a CPU and as on a GPU."""
+"""Sweeps beside NumPy, on rows that strips and panels divide in every way, as on a CPU, with few cells and
+with many, and as on a GPU."""
 
 from functools import partial
 
@@ -18,9 +19,11 @@ SHAPES = [*((n, 6) for n in LENGTHS), (4, 21), *((n, 6, 5) for n in LENGTHS[:4])
 UNSET = -7.0
 
 
-@pytest.fixture(params=[True, False], ids=["cpu", "gpu"], autouse=True)
+@pytest.fixture(params=["cpu", "cpu_of_many_cells", "gpu"], autouse=True)
 def machine(request, monkeypatch):
-    monkeypatch.setattr(sweeps, "on_cpu", lambda: request.param)
+    monkeypatch.setattr(sweeps, "on_cpu", lambda: request.param != "gpu")
+    if request.param == "cpu_of_many_cells":  # then threads divide the strips and parts
+        monkeypatch.setattr(sweeps, "FEW_CELLS", 0)
 
 
 def filled(shape, seed):
