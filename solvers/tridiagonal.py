@@ -8,7 +8,7 @@ import numpy as np
 
 from taichi_plume.engine import ti
 from taichi_plume.engine.cells import MOST
-from taichi_plume.grid.kernels import Pass, Template, launch
+from taichi_plume.grid.kernels import CHUNK, FEW_CELLS, Pass, Template, launch
 
 WIDTH = 16  # modes that are solved side by side in registers
 
@@ -24,6 +24,8 @@ class Tridiagonal:
         self.rows, modes = eigenvalues.shape
         self.n, self.strips = n, -(-modes // WIDTH)
         self.shape = self.rows, n, self.strips * WIDTH
+        # Iterations from strip to strip: in a large box a strip is a chunk of iterations, which threads divide.
+        self.apart = CHUNK if prod(self.shape) > FEW_CELLS else 1
         self.cyclic = kind == "periodic"
         self.chain = n - self.cyclic  # a periodic axis is a chain of cells whose ends meet in the last cell
         self.singular = bool(kind in ("closed", "periodic") and eigenvalues[0, 0] < 1e-12)
@@ -59,25 +61,31 @@ class Tridiagonal:
     @ti.func
     def solve(self, x: Template, a, b):
         """Replace r by the solution in the memory x: eliminate forwards, substitute backwards."""
-        for row, strip in ti.ndrange(self.rows, self.strips):
-            value, last = ti.Vector([0.0] * WIDTH), ti.Vector([0.0] * WIDTH)
-            for i in range(self.chain):
-                here = self._place(row, i, strip)
-                value = _load(self.inverses, here) * (_load(x, here) + value)
-                _store(x, here, value)
-                if ti.static(self.cyclic):
-                    last += _load(self.column, here) * value
-            value = ti.Vector([0.0] * WIDTH)
+        for n in range(self.rows * self.strips * self.apart):
+            if n & ti.static(self.apart - 1) == 0:
+                strip = n // ti.static(self.apart)
+                self._solve_strip(x, strip // self.strips, strip % self.strips)
+
+    @ti.func
+    def _solve_strip(self, x: Template, row, strip):
+        value, last = ti.Vector([0.0] * WIDTH), ti.Vector([0.0] * WIDTH)
+        for i in range(self.chain):
+            here = self._place(row, i, strip)
+            value = _load(self.inverses, here) * (_load(x, here) + value)
+            _store(x, here, value)
             if ti.static(self.cyclic):
-                end = self._place(row, self.chain, strip)
-                last = _load(self.inverses, end) * (_load(x, end) + last)
-                _store(x, end, last)
-            for back in range(self.chain):
-                here = self._place(row, self.chain - 1 - back, strip)
-                if ti.static(self.cyclic):
-                    value += _load(self.column, here) * last
-                value = _load(x, here) + _load(self.inverses, here) * value
-                _store(x, here, value)
+                last += _load(self.column, here) * value
+        value = ti.Vector([0.0] * WIDTH)
+        if ti.static(self.cyclic):
+            end = self._place(row, self.chain, strip)
+            last = _load(self.inverses, end) * (_load(x, end) + last)
+            _store(x, end, last)
+        for back in range(self.chain):
+            here = self._place(row, self.chain - 1 - back, strip)
+            if ti.static(self.cyclic):
+                value += _load(self.column, here) * last
+            value = _load(x, here) + _load(self.inverses, here) * value
+            _store(x, here, value)
 
     @ti.func
     def _place(self, row, i, strip):

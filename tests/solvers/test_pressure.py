@@ -6,12 +6,14 @@ from scipy.sparse.linalg import spsolve
 
 from taichi_plume.grid.cut_cells import air_of
 from taichi_plume.grid.grid import Grid
+from taichi_plume.solvers import tridiagonal
 from taichi_plume.solvers.capacitance import Capacitance, Changes
-from taichi_plume.solvers.direct import FastTransforms, SparseFactors
+from taichi_plume.solvers.direct import FastTransforms, SparseFactors, angles, eigenvalues
 from taichi_plume.solvers.imported_flow import Projection
 from taichi_plume.solvers.multigrid import Multigrid
 from taichi_plume.solvers.poisson import OpenFractions
 from taichi_plume.solvers.pressure import pressure_solver
+from taichi_plume.solvers.tridiagonal import Amplitudes, Tridiagonal
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -294,3 +296,18 @@ def test_what_comes_in_goes_out():
     np.testing.assert_allclose(found[0], 0.6, rtol=1e-6)
     nowhere, _, _ = project([u[0] - 0.6, u[1]])  # out on both sides
     assert np.abs(nowhere[0]).max() < 1e-6
+
+
+@pytest.mark.parametrize("kind", ["closed", "periodic", "free-closed"])
+def test_strips_of_a_large_box_are_solved_alike(kind, monkeypatch):
+    """Strips that threads divide, beside strips in order."""
+    layers = eigenvalues(angles("closed", 5))[:, None] + eigenvalues(angles("free", 37))
+    right, results = np.random.default_rng(0).standard_normal((5, 20, 37)), []
+    for few in (tridiagonal.FEW_CELLS, 10):
+        monkeypatch.setattr(tridiagonal, "FEW_CELLS", few)
+        waves = Amplitudes(Tridiagonal(kind, 20, layers))
+        waves.values[..., :37] = right
+        waves.solve()
+        results.append(waves.values.copy())
+    assert np.abs(results[0]).max() > 0.1
+    np.testing.assert_array_equal(*results)
