@@ -63,7 +63,7 @@ def test_an_oblique_wall_takes_no_momentum_by_convection(kind):
         assert abs(passed_on) < 1e-4 * taken
     else:  # there is no law of the wall that would tell whether the layer is resolved
         one = Pass(lambda a, b: None, 0)
-        assert flow.surfaces.slipping(one) == [one]
+        assert flow.surfaces.slipping([one]) == [one]
 
 
 @pytest.mark.slow
