@@ -32,6 +32,13 @@ def store(out: Template, here: Template, rest, values: Template, offset: Templat
 
 
 @ti.func
+def copy_strip(values, into: Template, k):
+    """Copy a strip's values to the k-th strip of an array."""
+    for n in range(LANES):
+        into[k * LANES + n] = values[n]
+
+
+@ti.func
 def same_cell(I, m: Template):
     """Return cell I, where a sweep stores the value of cell I."""
     return I
@@ -127,6 +134,14 @@ class _FluxSweep:
             return x - y
 
     @ti.func
+    def strip_of(self, e: Template, here: Template):
+        """Return the fluxes through the lower e-sides of a strip that begins `here`."""
+        values = ti.Vector([0.0] * LANES)
+        for n in range(LANES):
+            values[n] = self.fluxes[e](ti.along(here, n))
+        return values
+
+    @ti.func
     def rows_of(self, part, a, b):
         """Set a panel of a block of rows in a layer."""
         panel, block = part % self.panels, part // self.panels
@@ -136,26 +151,16 @@ class _FluxSweep:
         below = ti.Vector([0.0] * (PANEL * LANES))  # fluxes through the lower sides of a row
         for k in range(strips):
             here = ti.row((layer, start), (self.out,), 0, 0, origin + k * LANES)
-            strip = ti.Vector([0.0] * LANES)
-            for n in range(LANES):
-                strip[n] = self.fluxes[1](ti.along(here, n))
-            for n in range(LANES):
-                below[k * LANES + n] = strip[n]
+            copy_strip(self.strip_of(1, here), below, k)
         along = ti.Vector([0.0] * ((PANEL + 1) * LANES))  # fluxes through the lower sides along a row
         for row in range(start, ti.min(start + self.block, self.high)):
             for k in range(strips + 1):
                 here = ti.row((layer, row), (self.out,), 0, 0, origin + k * LANES)
-                strip = ti.Vector([0.0] * LANES)
-                for n in range(LANES):
-                    strip[n] = self.fluxes[0](ti.along(here, n))
-                for n in range(LANES):
-                    along[k * LANES + n] = strip[n]
+                copy_strip(self.strip_of(0, here), along, k)
             for k in range(strips):
                 first = origin + k * LANES
                 here = ti.row((layer, row), (self.out,), 0, 0, first)
-                above, values = ti.Vector([0.0] * LANES), ti.Vector([0.0] * LANES)
-                for n in range(LANES):
-                    above[n] = self.fluxes[1](ti.along(here, n) + Y)
+                above, values = self.strip_of(1, here + Y), ti.Vector([0.0] * LANES)
                 for n in range(LANES):
                     I = ti.along(here, n)
                     net = self.difference(below[k * LANES + n], above[n])
@@ -164,8 +169,7 @@ class _FluxSweep:
                         Z = ti.Vector.unit(self.dim, 2, ti.i32)
                         net += self.difference(self.fluxes[2](I), self.fluxes[2](I + Z))
                     values[n] = self.body(I, net, a, b)
-                for n in range(LANES):
-                    below[k * LANES + n] = above[n]
+                copy_strip(above, below, k)
                 store(self.out, here, self.end - first, values, 0, 0)
 
     @ti.func
