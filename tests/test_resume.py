@@ -132,3 +132,14 @@ def test_a_run_is_resumed_with_its_own_engine(tmp_path):
     checkpoint.write(tmp_path / checkpoint.NAME, about | {"engine": other})
     with pytest.raises(RunFolderError, match=f"computed with {other}; resume with --engine {other}"):
         checkpoint_reading.saved(tmp_path)
+
+
+def test_a_checkpoint_of_another_version_is_named_as_such(tmp_path):
+    """Versions before the choice of an engine name none."""
+    for version, why in (
+        ("0.1.0", f"is of version 0.1.0, this is {__version__}"),
+        (__version__, "is no checkpoint"),
+    ):
+        checkpoint.write(tmp_path / checkpoint.NAME, {"version": version, "scenario": ""})
+        with pytest.raises(RunFolderError, match=why):
+            checkpoint_reading.saved(tmp_path)

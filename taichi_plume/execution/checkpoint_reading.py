@@ -23,12 +23,14 @@ def saved(folder: Path) -> dict[str, Any]:
         )
     try:
         content = checkpoint.read(path)
-        version, scenario = content["version"], content["scenario"]
+        version = content["version"]
+        if version != __version__:
+            raise RunFolderError(
+                f"{path}: is of version {version}, this is {__version__}; resume with that one"
+            )
+        engine, scenario = content["engine"], content["scenario"]
     except (LookupError, TypeError):
         raise RunFolderError(f"{path}: is no checkpoint of a run") from None
-    if version != __version__:
-        raise RunFolderError(f"{path}: is of version {version}, this is {__version__}; resume with that one")
-    engine = content["engine"]
     if engine != chosen():
         raise RunFolderError(f"{path}: was computed with {engine}; resume with --engine {engine}")
     if scenario != scenario_digest(folder):
