@@ -10,7 +10,7 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.solvers.poisson import OpenFractions
 from taichi_plume.solvers.vcycle import VCycle
 
-LANES, GROUPS = 1 << 14, 1 << 7  # threads of the two steps of a sum on a GPU
+THREADS, GROUPS = 1 << 14, 1 << 7  # threads of the two steps of a sum on a GPU
 
 
 class Multigrid(VCycle):
@@ -23,7 +23,7 @@ class Multigrid(VCycle):
         self.p, self.phi = (ti.field(ti.f32, fine) for _ in range(2))
         self.rows = fractions.shape[1] * fractions.shape[2]
         # partial sums, of single precision: Vulkan misplaces 64-bit fields
-        self.partial = ti.field(ti.f32, self.rows if self.strips else LANES)
+        self.partial = ti.field(ti.f32, self.rows if self.strips else THREADS)
         self.results = self.partial if self.strips else ti.field(ti.f32, GROUPS)
         self.rho, self.alpha, self.beta, self.mean = (ti.field(ti.f32, ()) for _ in range(4))
         matrix = fractions.matrix()
@@ -46,7 +46,7 @@ class Multigrid(VCycle):
     def _add_up(self, term: Template, merge: Template):
         """Merge term(c) of all padded indices c of the fine level into partial results, which `_sum` or `_most` merges.
 
-        merge(total, value) is the sum or the maximum. Each thread takes a row on a CPU, every LANES-th cell on a GPU.
+        merge(total, value) is the sum or the maximum. Each thread takes a row on a CPU, every THREADS-th cell on a GPU.
         """
         if ti.static(self.strips):
             for row in range(self.rows):
@@ -56,15 +56,15 @@ class Multigrid(VCycle):
                     total = merge(total, term(first + i))
                 self.partial[row] = total
         else:
-            for lane in range(LANES):
+            for lane in range(THREADS):
                 total = 0.0
-                for n in range(-(-self.phi.shape[0] // LANES)):
-                    if lane + n * LANES < self.phi.shape[0]:
-                        total = merge(total, term(lane + n * LANES))
+                for n in range(-(-self.phi.shape[0] // THREADS)):
+                    if lane + n * THREADS < self.phi.shape[0]:
+                        total = merge(total, term(lane + n * THREADS))
                 self.partial[lane] = total
             for group in range(GROUPS):
                 total = 0.0
-                for n in range(LANES // GROUPS):
+                for n in range(THREADS // GROUPS):
                     total = merge(total, self.partial[group + n * GROUPS])
                 self.results[group] = total
 
