@@ -7,7 +7,6 @@ of tangential components lie on the staggered grid, between a boundary face and 
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from math import prod
 
 import numpy as np
 
@@ -41,7 +40,6 @@ class Boundaries:
         "ambient",
         "curved",
         "noise",
-        "_targets",
         "_wall_velocities",
         "_sliding_targets",
         "_blown",
@@ -71,7 +69,7 @@ class Boundaries:
         }
         self.sides = [tuple(2 if a == d else n for a, n in enumerate(grid.padded)) for d in range(grid.dim)]
         self._inner = [tuple(2 if a == d else n for a, n in enumerate(grid.shape)) for d in range(grid.dim)]
-        self._repeats = [self._spread_indices(d) for d in range(grid.dim)]
+        self._repeats = [grid.pad(np.arange(n), (a,)) for a, n in enumerate(grid.shape)]
         self.target, self.mirror = (tuple(grid.vector_field(shape) for shape in self.sides) for _ in range(2))
         self.free = tuple(grid.field(shape, ti.i32) for shape in self.sides)
         self.loss, self.ambient = (tuple(grid.field(shape) for shape in self.sides) for _ in range(2))
@@ -91,18 +89,9 @@ class Boundaries:
         """Return the view of a boundary array (2 along the patch's axis) on the side of the domain with the patch."""
         return np.moveaxis(array, patch.axis, 0)[patch.side]
 
-    def _spread_indices(self, d: int) -> np.ndarray:
-        """Return the flat index of the inner boundary face that each face of axis d, ghosts included, repeats."""
-        result = np.arange(prod(self._inner[d])).reshape(self._inner[d])
-        for a in range(self.dim):
-            if a != d:
-                width = [(self.grid.ghost,) * 2 if axis == a else (0, 0) for axis in range(self.dim)]
-                result = np.pad(result, width, mode="wrap" if self.grid.periodic[a] else "edge")
-        return result
-
     def spread(self, array: np.ndarray, d: int) -> np.ndarray:
         """Return a boundary array of axis d extended to the ghost layers of the other axes."""
-        return array.reshape(-1, *array.shape[self.dim :])[self._repeats[d]]
+        return array[np.ix_(*(range(2) if a == d else repeats for a, repeats in enumerate(self._repeats)))]
 
     def _kinds(self) -> list[np.ndarray]:
         """Set the mirror factors and the free faces by the kinds of the openings.
@@ -127,7 +116,6 @@ class Boundaries:
     def _set_conditions(self, openings: tuple[Opening, ...], seed: int) -> None:
         """Set the boundary conditions before the first step; seed: for turbulent inflow."""
         self._openings: list[Fan | Inlet | Honeycomb] = []  # parameters of the jets
-        self._swirl: list[dict[int, np.ndarray]] = []
         self._sliding: list[tuple[MovingWall, Patch]] = []
         self._wall_velocities = [np.zeros((*shape, self.dim), np.float32) for shape in self._inner]
         loss = [np.zeros(shape, np.float32) for shape in self._inner]
@@ -135,24 +123,25 @@ class Boundaries:
             opening = openings[n]
             match opening.kind:
                 case "fan" | "inlet" | "honeycomb" if isinstance(p, JetPatch):
-                    p.opening = opening
                     self._openings.append(opening)
-                    self._swirl.append(p.swirl(opening.swirl if opening.kind == "fan" else 0.0))
                 case "wall":
                     self._face(self._wall_velocities[p.axis], p)[p.covered] = opening.velocity
                     if opening.schedule:
                         self._sliding.append((opening, p))
                 case "honeycomb":
                     self._face(loss[p.axis], p)[p.covered] = opening.loss_coefficient
-            if opening.kind != "periodic":
-                p.opening = opening
         for p in self.jets:
             self._face(self._wall_velocities[p.axis], p)[p.covered] = 0.0
         self._sliding_targets = [self._along_walls(d) for d in range(self.dim)]
-        self._targets = [target.copy() for target in self._sliding_targets]
         for d in range(self.dim):
-            self.target[d].from_numpy(self.spread(self._targets[d], d))
+            self.target[d].from_numpy(self._sliding_targets[d])
             self.loss[d].from_numpy(self.spread(loss[d], d))
+        self._targets = [target.values for target in self.target]
+        # faces in the window of each jet, and their velocities over its mean speed
+        self._blowing = [
+            (self._face(self._targets[p.axis], p)[p.window], np.asfortranarray(p.flow, np.float32))
+            for p in self.jets
+        ]
         self.noise = {
             n: Fluctuations(p, o.turbulence_length or 0.4 * float(p.half.min()), seed, f"inflow {n}")
             for n, (p, o) in enumerate(zip(self.jets, self._openings, strict=True))
@@ -164,8 +153,10 @@ class Boundaries:
 
     def _peak(self, n: int) -> float:
         """Return the ratio of jet n's largest velocity component, with swirl and turbulence, to its mean speed."""
-        swirl = max((float(np.abs(v).max()) for v in self._swirl[n].values()), default=0.0)
-        return float(self.jets[n].profile.max()) + swirl + 3.0 * self._openings[n].turbulence_intensity
+        p = self.jets[n]
+        largest = np.abs(p.flow.reshape(-1, self.dim)).max(axis=0)
+        swirl = np.delete(largest, p.axis).max()
+        return float(largest[p.axis] + swirl) + 3.0 * self._openings[n].turbulence_intensity
 
     def speeds(self, t: float) -> list[float]:
         """Return the mean speed [m/s] of each jet at time t [s]; fans with a curve have their present speed."""
@@ -185,9 +176,7 @@ class Boundaries:
 
         Normal velocities change linearly within a step. Tangential velocities are the walls' means over the step.
         """
-        slid = self._set_wall_velocities(t - dt, t)
-        if self._set_targets(self.speeds(t), dt, slid):
-            self.upload_targets()
+        self._set_targets(self.speeds(t), dt, self._set_wall_velocities(t - dt, t))
 
     def _set_wall_velocities(self, begin: float, end: float) -> bool:
         """Set the moving walls' mean velocities from `begin` to `end` [s]. Return whether any has changed."""
@@ -202,14 +191,14 @@ class Boundaries:
         return changed
 
     def _along_walls(self, d: int) -> np.ndarray:
-        """Return the targets on the faces across axis d by moving walls alone. A tangential target is the mean of the
-        velocities of the two boundary faces around it.
+        """Return the targets on the faces across axis d, ghost layers included, by moving walls alone. A tangential
+        target is the mean of the velocities of the two boundary faces around it.
         """
         target = self._wall_velocities[d].copy()
         for c in range(self.dim):
             if c != d:
                 target[..., c] = 0.5 * (target[..., c] + self._below(target[..., c], c))
-        return target
+        return np.asfortranarray(self.spread(target, d))
 
     def _below(self, values: np.ndarray, axis: int) -> np.ndarray:
         """Return each boundary face's lower neighbour along an axis; the first takes the last (periodic) or itself."""
@@ -223,37 +212,24 @@ class Boundaries:
         """
         for n, fan in self.curved.items():
             self._set_targets([float(m == n) for m in range(len(self.jets))], 0.0)
-            self.upload_targets()
             fan.inertia = max(0.0, self.grid.dx * fan.mean(pressure_of()))
         if self.curved:
             self.update(-np.inf, 0.0)
 
-    def _set_targets(self, speeds: list[float], dt: float, slid: bool = False) -> bool:
-        """Set the targets of jets with these mean speeds [m/s]. Return whether the targets may have changed.
-
-        slid: whether the velocity of a wall has changed.
-        """
+    def _set_targets(self, speeds: list[float], dt: float, slid: bool = False) -> None:
+        """Set the targets of jets with these mean speeds [m/s]. slid: whether the velocity of a wall has changed."""
         if speeds == self._blown and not self.noise and not slid:
-            return False
+            return
         self._blown = speeds
         for d in self._changing:
             self._targets[d][...] = self._sliding_targets[d]
-        for n, (p, speed) in enumerate(zip(self.jets, speeds, strict=True)):
-            inward = 1.0 if p.side == 0 else -1.0
-            face = self._face(self._targets[p.axis], p)
-            face[..., p.axis] += inward * speed * p.profile
-            for axis, swirl in self._swirl[n].items():
-                face[..., axis] += speed * swirl
+        for n, (speed, (face, flow)) in enumerate(zip(speeds, self._blowing, strict=True)):
+            face += speed * flow
             if n in self.noise and speed != 0:
                 amplitude = self._openings[n].turbulence_intensity * abs(speed)
-                for axis, plane in enumerate(self.noise[n].advance(speed, dt)):
-                    face[..., axis] += amplitude * plane
-        return True
-
-    def upload_targets(self) -> None:
-        """Upload the targets of axes with openings that blow or walls that move."""
+                face += amplitude * self.noise[n].advance(speed, dt)
         for d in self._changing:
-            self.target[d].from_numpy(self.spread(self._targets[d], d))
+            self.target[d].from_numpy(self._targets[d])  # on a CPU both are the same memory
 
     def fastest(self, t: float) -> float:
         """Return the largest velocity component [m/s] that schedules prescribe between t and t + HORIZON [s]."""

@@ -21,7 +21,7 @@ from scipy.fft import ifft
 from scipy.special import betainc
 
 from taichi_plume.grid.rng import generator
-from taichi_plume.solvers.openings import JetPatch
+from taichi_plume.solvers.openings import JetPatch, bounds
 
 SHORTEST, STRONGEST = 6.0, 8.0  # cells: shortest wave, and least length of the strongest wave
 INTEGRAL = 0.7468  # length times k_L of all waves, Gamma(1/3)^-1 Gamma(5/6) sqrt(pi)
@@ -122,28 +122,31 @@ class Fluctuations:
         self.patch, self.dim = patch, patch.grid.dim
         self.travelled = 0.0
         self._seed, self._name = seed, name
-        spans = [np.flatnonzero(patch.covered.any(axis=a)) for a in reversed(range(self.dim - 1))]
-        if self.dim == 2:
-            spans = [np.flatnonzero(patch.covered)]
-        self._window = tuple(slice(int(at[0]), int(at[-1]) + 1) for at in spans)
-        counts = [part.stop - part.start for part in self._window]
-        self.waves = waves = Waves(patch, counts, length)
-        dx = patch.grid.dx
-        self._tables = [
-            np.exp(1j * np.outer(k, (np.arange(n) + 0.5) * dx)).astype(np.complex64)
-            for k, n in zip(waves.across, counts, strict=True)
+        grid, window, inner = patch.grid, patch.window, bounds(patch.covered)
+        self.waves = waves = Waves(patch, [part.stop - part.start for part in inner], length)
+        cells = [
+            grid.pad(np.arange(grid.shape[a]), (a,))[part]
+            for a, part in zip(patch.along, window, strict=True)
         ]
+        self._tables = [
+            np.exp(1j * np.outer(k, (at - part.start + 0.5) * grid.dx)).astype(np.complex64)
+            for k, at, part in zip(waves.across, cells, inner, strict=True)
+        ]
+        last = self._tables[0]  # in the product for a plane, whose real part alone is computed
+        self._real = np.stack([last.real, -last.imag], axis=1).reshape(2 * len(last), -1)
+        self._mean = np.pad(patch.covered / patch.covered.sum(), grid.ghost)[window].T.copy()
         self._factors = self._scales()
         # a velocity along the face lies between two of its cells
-        self._here = [
+        here = [
             patch.covered
             if a == patch.axis
             else patch.covered & np.roll(patch.covered, 1, patch.along.index(a))
             for a in range(self.dim)
         ]
+        self._here = np.array([grid.pad(mask, patch.along)[window].T for mask in here], np.float32)
         self._boxes: dict[int, np.ndarray] = {}
-        self._places: list[tuple[int, int]] = []  # of `_planes`: box and number
-        self._planes = np.empty(0, np.float32)
+        self._planes = np.empty((8, *self._here.shape), np.float32)
+        self._places: list[tuple[int, int] | None] = [None] * 8  # of `_planes`: box and plane
 
     def _scales(self) -> np.ndarray:
         """Return the factors that give each velocity component its standard deviation on the staggered grid.
@@ -152,7 +155,7 @@ class Fluctuations:
         """
         power = self.waves.amplitude**2 * self.waves.of_unit
         total = power.reshape(self.dim, -1).sum(axis=1)
-        mean = (self.patch.covered / self.patch.covered.sum())[self._window].astype(complex)
+        mean = self._mean.T
         for table in self._tables:
             mean = np.tensordot(mean, table, axes=(0, 1))
         through = self.patch.axis
@@ -176,41 +179,40 @@ class Fluctuations:
             self._boxes[number] = np.asarray(ifft(box, axis=0, norm="forward", overwrite_x=True))
         return self._boxes[number]
 
-    def _face(self, number: int, place: int) -> np.ndarray:
-        """Return the velocities over the face of a plane of box `number`, (dim, *window)."""
-        if (number, place) in self._places:
-            return self._planes[self._places.index((number, place))]
-        waves = self._box(number)[place]
-        for table in self._tables:
-            waves = np.tensordot(waves, table, axes=(1, 0))
-        return np.real(waves)
+    def _plane(self, number: int, place: int) -> np.ndarray:
+        """Return the velocities over the opening of a plane of box `number`, without net flow: (dim, *window), the axes
+        of the window in reverse order.
+        """
+        waves = self._box(number)[place].swapaxes(1, -1)
+        for table in self._tables[1:]:
+            waves = table.T @ waves
+        plane = waves.view(np.float32) @ self._real
+        plane[self.patch.axis] -= np.vdot(self._mean, plane[self.patch.axis])
+        return plane * self._here
 
     def advance(self, speed: float, dt: float) -> np.ndarray:
-        """Return turbulent velocities over the face, (dim, *face), after dt [s] at `speed` [m/s]; no net flow."""
+        """Return turbulent velocities in the patch's window, (*window, dim), after dt [s] at `speed` [m/s]; no net
+        flow.
+        """
         self.travelled += abs(speed) * dt
         whole, f = divmod(self.travelled / self.waves.spacing, 1.0)
         overlap, size = self.waves.overlap, self.waves.planes
         number = int(whole) // overlap
-        places = [
-            (n, (int(whole) - n * overlap + k) % size) for n in (number - 1, number) for k in range(-1, 3)
-        ]
-        if places != self._places:  # else the four planes around the face are the same in both boxes
-            self._planes = np.stack([self._face(*at) for at in places])
-            self._places = places
-        cubic = np.array(
-            [
-                -f * (f - 1) * (f - 2),
-                3 * (f + 1) * (f - 1) * (f - 2),
-                -3 * (f + 1) * f * (f - 2),
-                (f + 1) * f * (f - 1),
-            ]
-        )
         turn = 0.5 * pi * ((whole + f) / overlap - number)
-        shares = np.outer((cos(turn), sin(turn)), cubic / 6.0).astype(np.float32)
-        now = (shares.reshape(-1) @ self._planes.reshape(8, -1)).reshape(self._planes.shape[1:])
-        planes = np.zeros((self.dim, *self.patch.covered.shape))
-        planes[(slice(None), *self._window)] = now
-        planes *= self._here
-        through, covered = planes[self.patch.axis], self.patch.covered
-        through -= covered * (through.sum() / covered.sum())
-        return planes
+        cubic = (
+            -f * (f - 1) * (f - 2) / 6,
+            (f + 1) * (f - 1) * (f - 2) / 2,
+            -(f + 1) * f * (f - 2) / 2,
+            (f + 1) * f * (f - 1) / 6,
+        )
+        shares = [0.0] * 8
+        # the four planes around the face, of each box; each keeps its row of `_planes`
+        for box, share in ((number - 1, cos(turn)), (number, sin(turn))):
+            for plane, weight in enumerate(cubic, int(whole) - 1):
+                row = 4 * (box % 2) + plane % 4
+                shares[row] = share * weight
+                if self._places[row] != (box, plane):
+                    self._planes[row] = self._plane(box, (plane - box * overlap) % size)
+                    self._places[row] = (box, plane)
+        now = np.array(shares, np.float32) @ self._planes.reshape(8, -1)
+        return now.reshape(self._here.shape).T

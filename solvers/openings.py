@@ -20,6 +20,11 @@ Places = list[np.ndarray]
 """Positions along each axis of a face relative to an opening's centre, over its half size: [-1, 1] is inside."""
 
 
+def bounds(mask: np.ndarray) -> tuple[slice, ...]:
+    """Return the slices along each axis of the smallest block with all that `mask` covers."""
+    return tuple(slice(int(at.min()), int(at.max()) + 1) for at in np.nonzero(mask))
+
+
 def periodic_axes(openings: tuple[Opening, ...], dim: int) -> tuple[bool, ...]:
     """Return for each axis of the domain whether the openings make the axis periodic."""
     wrapped = {opening.axis for opening in openings if opening.kind == "periodic"}
@@ -108,7 +113,11 @@ PROFILES = {"fan": _top_hat, "inlet": _of_inlet, "honeycomb": _even}
 
 
 class JetPatch(Patch):
-    """Opening that prescribes the speed of the air. profile: speed over mean speed, for each cell of the face."""
+    """Opening that prescribes the speed of the air. profile: speed over mean speed, for each cell of the face.
+
+    window: slices of the face with its ghost layers in which the air moves; flow: its velocity there over the mean
+    speed, (*window, dim).
+    """
 
     def __init__(self, opening: Jet, kind: str, grid: Grid, area: Sequence[np.ndarray]):
         """Raises ValueError if no air is behind the opening."""
@@ -119,21 +128,24 @@ class JetPatch(Patch):
             raise ValueError(NO_AIR)
         self.profile = profile * (self.area / (profile.sum() * self.face_area))
         self.covered = self.profile > 0
+        flow = np.zeros((*profile.shape, grid.dim))
+        flow[..., self.axis] = self.profile if self.side == 0 else -self.profile
+        if isinstance(opening, Fan) and opening.swirl and grid.dim == 3:
+            self._swirl(flow, opening.swirl)
+        flow = grid.pad(flow, self.along)
+        self.window = bounds((flow != 0.0).any(axis=-1))
+        self.flow = flow[self.window]
 
-    def swirl(self, ratio: float) -> dict[int, np.ndarray]:
-        """Return a fan's tangential velocity over its mean speed, by axis; ratio: swirl at the rim over mean speed."""
-        if self.kind != "fan" or ratio == 0 or len(self.along) < 2:
-            return {}
+    def _swirl(self, flow: np.ndarray, ratio: float) -> None:
+        """Set a fan's tangential velocity over its mean speed; ratio: swirl at the rim over mean speed."""
         turn = ratio if self.side == 0 else -ratio  # right-handed about the direction of the jet
         first, second = self.along if self.axis != 1 else reversed(self.along)
-        result = {}
         for axis, other, sense in ((first, second, -turn), (second, first, turn)):
             shift = tuple(-0.5 if a == axis else 0.0 for a in self.along)
             arm = self.along.index(other)
-            result[axis] = self.average(
+            flow[..., axis] = self.average(
                 lambda p, arm=arm, sense=sense: sense * p[arm] * self.inside(p), shift
             ) * (self.covered | np.roll(self.covered, 1, self.along.index(axis)))
-        return result
 
 
 def opening_cells(openings: tuple[Opening, ...], grid: Grid) -> np.ndarray:

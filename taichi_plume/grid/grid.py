@@ -122,11 +122,14 @@ class Grid:
         """Return the view of a padded array without its ghost layers."""
         return padded[self._window(0)]
 
-    def pad(self, inner: np.ndarray) -> np.ndarray:
-        """Return `inner` with ghost layers that repeat the edge, or wrap round on periodic axes."""
-        for axis, wrap in enumerate(self.periodic):
-            width = [(self.ghost, self.ghost) if a == axis else (0, 0) for a in range(self.dim)]
-            inner = np.pad(inner, width, mode="wrap" if wrap else "edge")
+    def pad(self, inner: np.ndarray, axes: Sequence[int] | None = None) -> np.ndarray:
+        """Return `inner` with ghost layers that repeat the edge, or wrap round on periodic axes.
+
+        axes: axes of the domain that the first axes of `inner` are; by default all.
+        """
+        for n, axis in enumerate(range(self.dim) if axes is None else axes):
+            width = [(self.ghost, self.ghost) if a == n else (0, 0) for a in range(inner.ndim)]
+            inner = np.pad(inner, width, mode="wrap" if self.periodic[axis] else "edge")
         return inner
 
     def pad_faces(self, faces: np.ndarray, d: int) -> np.ndarray:

@@ -5,7 +5,8 @@ from scipy.signal import welch
 
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.grid import Grid
-from taichi_plume.scenario.openings import Inlet
+from taichi_plume.scenario.openings import Fan, Inlet
+from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.inflow import Fluctuations
 from taichi_plume.solvers.openings import JetPatch
 
@@ -27,7 +28,12 @@ def noise_of(opening: dict, shape: tuple[int, ...], length: float, seed: int = 0
 
 def planes_of(noise: Fluctuations, count: int, apart: float) -> np.ndarray:
     """(count, dim, faces along each axis), so many metres of air from one to the next."""
-    return np.array([noise.advance(1.0, apart) for _ in range(count)])
+    patch = noise.patch
+    planes = np.zeros((count, *(patch.grid.padded[a] for a in patch.along), patch.grid.dim))
+    for plane in planes:
+        plane[patch.window] = noise.advance(1.0, apart)
+    inner = (slice(patch.grid.ghost, -patch.grid.ghost),) * len(patch.along)
+    return np.moveaxis(planes[:, *inner], -1, 1)
 
 
 @pytest.mark.parametrize(
@@ -38,7 +44,7 @@ def test_every_component_has_its_intensity_and_nothing_goes_through(opening, sha
     noise = noise_of(opening, shape, 0.2)
     patch, planes = noise.patch, planes_of(noise, 1500, 0.1)
     total = np.abs(planes[:, patch.axis].reshape(len(planes), -1).sum(axis=1)).max()
-    assert total < 1e-12 * patch.covered.sum()
+    assert total < 1e-6 * patch.covered.sum()
     within = patch.covered.copy()
     for a in range(within.ndim):
         within &= np.roll(patch.covered, 1, axis=a)
@@ -96,6 +102,29 @@ def test_it_does_not_repeat():
     box, size = noise.waves.overlap // 2, planes[0].size
     for apart in (box, 2 * box, 4 * box):
         assert abs((planes[:-apart] * planes[apart:]).sum() / size / len(planes)) < 0.05
+
+
+@pytest.mark.usefixtures("taichi")
+@pytest.mark.parametrize("depth", [2, 12])
+def test_targets_have_the_turbulence_and_ghost_layers_repeat_them(depth):
+    """The edge's, or across a periodic axis, which may be thinner than its ghost layers."""
+    grid = Grid((8, 20, depth), DX, periodic=(False, False, True))
+    fan = FACE | {"kind": "fan", "center": [0.2, 0.1], "diameter": 0.5, "swirl": 0.4}
+    targets = []
+    for intensity in (0.0, 0.1):
+        opening = Fan.model_validate(fan | {"turbulence_intensity": intensity, "turbulence_length": 0.1})
+        boundaries = Boundaries((opening,), grid, Air.everywhere(grid).area)
+        for n in range(3):
+            boundaries.update(0.05 * n, 0.05)
+        padded, g = boundaries.target[0].to_numpy()[0], grid.ghost
+        inner = padded[g:-g, g:-g]
+        repeated = np.pad(inner, [(g, g), (0, 0), (0, 0)], mode="edge")
+        np.testing.assert_array_equal(np.pad(repeated, [(0, 0), (g, g), (0, 0)], mode="wrap"), padded)
+        targets.append(inner)
+    noise = Fluctuations(boundaries.jets[0], 0.1, 0, "inflow 0")
+    plane = np.moveaxis(planes_of(noise, 3, 0.05)[-1], 0, -1)
+    np.testing.assert_allclose(targets[1] - targets[0], 0.1 * plane, atol=1e-6)
+    assert plane.any()
 
 
 def test_air_that_stands_still_brings_nothing_new_and_what_passed_decides():

@@ -56,9 +56,7 @@ def test_the_pressure_drop_is_that_of_its_loss_coefficient(screen, drop):
 def test_it_straightens_an_oblique_stream():
     """Periodic across, so that nothing but the screen turns the air."""
     flow = duct((48, 8), {"at": 1.2}, walls=[{"kind": "periodic", "axis": "y"}])
-    flow.boundaries._targets[0][0, :, 1] = 0.5  # the blown-in air moves along y as well
-    flow.boundaries.upload_targets()
-    flow.boundaries._blown = [SPEED]
+    flow.boundaries.target[0][0, :, 1] = 0.5  # the blown-in air moves along y as well
     advance(flow, 6.0)
     v = np.abs(flow.grid.inner(flow.u[1].to_numpy())).mean(axis=1)
     assert v[10] == pytest.approx(0.5, rel=0.02)
