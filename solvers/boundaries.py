@@ -238,8 +238,8 @@ class Boundaries:
             soon = max(fan.speed, min(fan.free_speed, fan.speed + 0.2 * fan.acceleration))
             result = max(result, self._peaks[n] * soon)
         for peak, opening in zip(self._peaks, self._openings, strict=True):
-            times = [t, t + HORIZON, *(time for time in opening.knots if t < time < t + HORIZON)]
             if opening.schedule:
+                times = [t, t + HORIZON, *(time for time in opening.knots if t < time < t + HORIZON)]
                 result = max(result, peak * max(abs(opening.speed_at(time)) for time in times))
         return result
 
