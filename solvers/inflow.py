@@ -124,17 +124,13 @@ class Fluctuations:
         self._seed, self._name = seed, name
         grid, window, inner = patch.grid, patch.window, bounds(patch.covered)
         self.waves = waves = Waves(patch, [part.stop - part.start for part in inner], length)
-        cells = [
-            grid.pad(np.arange(grid.shape[a]), (a,))[part]
-            for a, part in zip(patch.along, window, strict=True)
-        ]
-        self._tables = [
-            np.exp(1j * np.outer(k, (at - part.start + 0.5) * grid.dx)).astype(np.complex64)
-            for k, at, part in zip(waves.across, cells, inner, strict=True)
-        ]
+        self._tables = []
+        for k, a, part, first in zip(waves.across, patch.along, window, inner, strict=True):
+            cells = grid.pad(np.arange(grid.shape[a]), (a,))[part] - first.start
+            self._tables.append(np.exp(1j * np.outer(k, (cells + 0.5) * grid.dx)).astype(np.complex64))
         last = self._tables[0]  # in the product for a plane, whose real part alone is computed
         self._real = np.stack([last.real, -last.imag], axis=1).reshape(2 * len(last), -1)
-        self._mean = np.pad(patch.covered / patch.covered.sum(), grid.ghost)[window].T.copy()
+        self._mean = np.pad(patch.covered / patch.covered.sum(), grid.ghost)[window].T.astype(np.float32, "C")
         self._factors = self._scales()
         # a velocity along the face lies between two of its cells
         here = [
@@ -145,8 +141,9 @@ class Fluctuations:
         ]
         self._here = np.array([grid.pad(mask, patch.along)[window].T for mask in here], np.float32)
         self._boxes: dict[int, np.ndarray] = {}
-        self._planes = np.empty((8, *self._here.shape), np.float32)
-        self._places: list[tuple[int, int] | None] = [None] * 8  # of `_planes`: box and plane
+        # the four planes around the face in two boxes; `_places`: number of the second box, and of the plane
+        self._planes = np.empty((4, 2, *self._here.shape), np.float32)
+        self._places: list[tuple[int, int] | None] = [None] * 4
 
     def _scales(self) -> np.ndarray:
         """Return the factors that give each velocity component its standard deviation on the staggered grid.
@@ -179,40 +176,39 @@ class Fluctuations:
             self._boxes[number] = np.asarray(ifft(box, axis=0, norm="forward", overwrite_x=True))
         return self._boxes[number]
 
-    def _plane(self, number: int, place: int) -> np.ndarray:
-        """Return the velocities over the opening of a plane of box `number`, without net flow: (dim, *window), the axes
-        of the window in reverse order.
+    def _pair(self, number: int, place: int) -> np.ndarray:
+        """Return the velocities in plane `place` in boxes number - 1 and `number`, without net flow.
+
+        Shape (2, dim, *window), with the window's axes in reverse order.
         """
-        waves = self._box(number)[place].swapaxes(1, -1)
+        overlap, size = self.waves.overlap, self.waves.planes
+        planes = [self._box(n)[(place - n * overlap) % size] for n in (number - 1, number)]
+        waves = np.array(planes).swapaxes(2, -1)
         for table in self._tables[1:]:
             waves = table.T @ waves
-        plane = waves.view(np.float32) @ self._real
-        plane[self.patch.axis] -= np.vdot(self._mean, plane[self.patch.axis])
-        return plane * self._here
+        parts = waves.reshape(-1, waves.shape[-1]).view(np.float32)
+        pair = (parts @ self._real).reshape(2, *self._here.shape)
+        through = pair[:, self.patch.axis].reshape(2, -1)
+        through -= (through @ self._mean.ravel())[:, None]
+        return pair * self._here
 
     def advance(self, speed: float, dt: float) -> np.ndarray:
-        """Return turbulent velocities in the patch's window, (*window, dim), after dt [s] at `speed` [m/s]; no net
-        flow.
-        """
+        """Return turbulent velocities, (*window, dim), after dt [s] at `speed` [m/s]; no net flow."""
         self.travelled += abs(speed) * dt
         whole, f = divmod(self.travelled / self.waves.spacing, 1.0)
-        overlap, size = self.waves.overlap, self.waves.planes
-        number = int(whole) // overlap
-        turn = 0.5 * pi * ((whole + f) / overlap - number)
+        number, shares = int(whole) // self.waves.overlap, [0.0] * 8
+        turn = 0.5 * pi * ((whole + f) / self.waves.overlap - number)
         cubic = (
             -f * (f - 1) * (f - 2) / 6,
             (f + 1) * (f - 1) * (f - 2) / 2,
             -(f + 1) * f * (f - 2) / 2,
             (f + 1) * f * (f - 1) / 6,
         )
-        shares = [0.0] * 8
-        # the four planes around the face, of each box; each keeps its row of `_planes`
-        for box, share in ((number - 1, cos(turn)), (number, sin(turn))):
-            for plane, weight in enumerate(cubic, int(whole) - 1):
-                row = 4 * (box % 2) + plane % 4
-                shares[row] = share * weight
-                if self._places[row] != (box, plane):
-                    self._planes[row] = self._plane(box, (plane - box * overlap) % size)
-                    self._places[row] = (box, plane)
+        for place, weight in enumerate(cubic, int(whole) - 1):
+            row = place % 4
+            shares[2 * row : 2 * row + 2] = cos(turn) * weight, sin(turn) * weight
+            if self._places[row] != (number, place):
+                self._planes[row] = self._pair(number, place)
+                self._places[row] = (number, place)
         now = np.array(shares, np.float32) @ self._planes.reshape(8, -1)
         return now.reshape(self._here.shape).T
