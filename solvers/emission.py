@@ -1,5 +1,7 @@
 """Emission of sources: rate over time, pulses, evaporation from dishes, and release of puffs."""
 
+from collections.abc import Sequence
+from itertools import pairwise
 from math import ceil
 
 import numpy as np
@@ -43,23 +45,25 @@ class Emission:
     def _draw_until(self, t: float) -> None:
         puffing = self.source.puffing
         while puffing is not None and (not self.pulses or self.pulses[-1][1] < t):
-            spread = 1.0 + puffing.spread * self.rng.uniform(-1.0, 1.0, 2)
-            begin = self.pulses[-1][1] + puffing.pause * spread[0] if self.pulses else self.start
-            self.pulses.append((begin, begin + puffing.pulse * spread[1]))
+            pause, pulse = (1.0 + puffing.spread * self.rng.uniform(-1.0, 1.0, 2)).tolist()
+            begin = self.pulses[-1][1] + puffing.pause * pause if self.pulses else self.start
+            self.pulses.append((begin, begin + puffing.pulse * pulse))
 
     def mass(self, t: float, dt: float) -> float:
         """Return the mass emitted between t and t + dt [kg]."""
-        return float(self.masses(np.array([t, t + dt]))[0])
+        return self.masses((t, t + dt))[0]
 
-    def masses(self, times: np.ndarray) -> np.ndarray:
-        """Return the mass emitted between consecutive ascending times (n,) [s]: (n - 1,) [kg]."""
+    def masses(self, times: Sequence[float]) -> list[float]:
+        """Return the mass [kg] emitted between each two consecutive of these ascending times [s]."""
         self._draw_until(times[-1])
         while len(self.pulses) > 1 and self.pulses[0][1] < times[0]:
             self.pulses.pop(0)
-        on = np.zeros(len(times) - 1)
-        for begin, end in self.pulses:
-            on += np.maximum(np.minimum(min(end, self.stop), times[1:]) - np.maximum(begin, times[:-1]), 0.0)
-        return self._rate(times[0]) * on if on.any() else on
+        on = [
+            sum(max(min(end, self.stop, after) - max(begin, before), 0.0) for begin, end in self.pulses)
+            for before, after in pairwise(times)
+        ]
+        rate = self._rate(times[0]) if any(on) else 0.0
+        return [rate * span for span in on]
 
     def _rate(self, t: float) -> float:
         """Return the emission rate [kg/s] at time t [s] while the source is on."""
@@ -108,13 +112,13 @@ class Portions:
     def puffs(self, t: float, dt: float) -> tuple[np.ndarray, np.ndarray, float]:
         """Return release times [s] and masses [kg] of the puffs between t and t + dt, and the total emission [kg]."""
         moments = self._moments(t + dt)
-        emitted = self.emission.masses(np.concatenate([[t], moments, [t + dt]]))
-        masses = emitted[:-1].copy()
+        emitted = self.emission.masses([t, *moments.tolist(), t + dt])
+        masses = np.array(emitted[:-1])
         if len(masses):
             masses[0] += self.pending
             self.pending = 0.0
         self.pending += emitted[-1]
-        return moments[masses > 0.0], masses[masses > 0.0], float(emitted.sum())
+        return moments[masses > 0.0], masses[masses > 0.0], sum(emitted)
 
     def places(self, n: int, dim: int) -> np.ndarray:
         """Return n random positions in the source's ball [m], (n, dim)."""
