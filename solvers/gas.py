@@ -76,10 +76,9 @@ class EulerianSolver(GridGas):
             except ValueError as error:
                 raise ValueError(f"surfaces.{error}") from None
         scalar, scheme = scalar or Scalar(grid), LIMITED[gas.convection]
-        adding = self.release.adding(scalar)
         self.transport = Transport(
-            grid, wind, air, scheme, scalar, self.species.diffusivity, wind.schmidt, adding, self.surfaces,
-            bool(gas.inflow),
+            grid, wind, air, scheme, scalar, self.species.diffusivity, wind.schmidt, self.release,
+            self.surfaces, bool(gas.inflow),
         )  # fmt: skip
         self.c, self.source = scalar.q, scalar.source
         if self.source is not None:

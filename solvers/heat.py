@@ -122,10 +122,9 @@ class HeatSolver:
         scalar, scheme = scalar or Scalar(grid), LIMITED["koren"]
         given = [(vent, _temperature(vent)) for vent in self._vents]
         inflow = [(vent, kelvin - self.reference) for vent, kelvin in given if kelvin is not None]
-        adding = self.release.adding(scalar) if self.release else None
         self.transport = Transport(
-            grid, wind, air, scheme, scalar, heat.diffusivity, heat.prandtl_turbulent, adding, self.surfaces,
-            bool(inflow),
+            grid, wind, air, scheme, scalar, heat.diffusivity, heat.prandtl_turbulent, self.release,
+            self.surfaces, bool(inflow),
         )  # fmt: skip
         self.theta = scalar.q
         if inflow:

@@ -21,7 +21,7 @@ from taichi_plume.grid.grid import Grid, block_mean
 from taichi_plume.grid.kernels import Pass, Template
 from taichi_plume.scenario.heat import Heater
 from taichi_plume.scenario.sources import Source
-from taichi_plume.solvers.transport import Scalar
+from taichi_plume.solvers.surface_exchange import FIRST
 
 VARIANCE = 5.0 / 6.0
 """Sum of two variances [cells²]: that of the shares of a point and that of the linear interpolation of readings."""
@@ -101,7 +101,7 @@ SAMPLES = 4  # samples per axis, to measure a ball's fraction of a cell
 
 
 class Release:
-    """Release of vapour or heat from balls into cells. `set_amounts` sets the next release, `adding` returns its pass.
+    """Release of vapour or heat from balls into cells. `set_amounts` sets the next release, `into` returns its pass.
 
     balls: cells (n, dim) of each ball and the share of the release (n,) per cell.
     """
@@ -194,14 +194,17 @@ class Release:
         return np.stack([at[where[:, d]] for d, at in enumerate(axes)], axis=-1) % self.grid.shape, share
 
     def set_amounts(self, amounts: list[float]) -> None:
-        """Set the amount (kg or J per heat capacity) that each ball releases in the next `adding` pass."""
+        """Set the amount (kg or J per heat capacity) that each ball releases in the next step."""
         if amounts != self._amounts:
             self._amounts = amounts
             self._amount.from_numpy(amounts)
 
-    def adding(self, scalar: Scalar) -> Pass:
-        """Return the pass that adds the release to a scalar (amount per volume) in the cells of the balls."""
-        return Pass(partial(self._add_to, scalar.q, scalar.rest), self.cells)
+    def into(self, q: Field, rest: Field, start: Field) -> Pass:
+        """Return the pass that adds the release to a scalar (amount per volume) in the first stage of a step.
+
+        rest: rounding errors of q; start: q at the start of the step, sources included.
+        """
+        return Pass(partial(self._add_to, q, rest, start), self.cells)
 
     def filling(self, source: Field, room: Field) -> Pass:
         """Return the pass that sets the volume that the present amounts release in each cell [1/s], with a volume per
@@ -222,13 +225,13 @@ class Release:
                 source[I] += volume
 
     @ti.func
-    def _add_to(self, q: Template, rest: Template, a, b):
-        for _ in range(1):  # balls may share cells
-            for n in range(self.cells):
+    def _add_to(self, q: Template, rest: Template, start: Template, h, stage):
+        if stage == FIRST:
+            for n in range(self.cells):  # one after the other, as balls may share cells
                 I = self._cell[n]
                 held = ti.cast(q[I], ti.f64) + ti.cast(rest[I], ti.f64)
                 held += self._amount[self._owner[n]] * self._share[n]
-                q[I] = ti.cast(held, ti.f32)
+                q[I] = start[I] = ti.cast(held, ti.f32)
                 rest[I] = ti.cast(held - ti.cast(ti.cast(held, ti.f32), ti.f64), ti.f32)
 
 

@@ -24,6 +24,7 @@ from taichi_plume.grid.kernels import Pass, Template, launch
 from taichi_plume.grid.sweeps import flux_sweep, sweep
 from taichi_plume.solvers.convection import Limited
 from taichi_plume.solvers.openings import Patch
+from taichi_plume.solvers.release import Release
 from taichi_plume.solvers.surface_exchange import BETWEEN, FIRST, LAST, SurfaceExchange, Tally
 
 
@@ -62,9 +63,8 @@ class Transport:
     """Transport of a scalar q per volume of air by convection and diffusion, in finite volumes.
 
     scheme: convection scheme. diffusivity: of still air [m²/s]; schmidt: turbulent Schmidt number (eddy viscosity over
-    eddy diffusivity). add_sources: pass that adds sources to q and `rest` for a step of length a. surfaces:
-    walls and obstacles that exchange q with the air. has_inflow: whether inflow may carry q, see `set_inflow`;
-    otherwise inflow is clean.
+    eddy diffusivity). release: sources. surfaces: walls and obstacles that exchange q with the air. has_inflow:
+    whether inflow may carry q, see `set_inflow`; otherwise inflow is clean.
 
     Fields: q; rest, rounding errors of q; rate [1/s], the sum of the tendencies in the step's stages so far.
     """
@@ -80,7 +80,7 @@ class Transport:
         scalar: Scalar,
         diffusivity: float,
         schmidt: float,
-        add_sources: Pass | None = None,
+        release: Release | None = None,
         surfaces: SurfaceExchange | None = None,
         has_inflow: bool = False,
     ):
@@ -105,8 +105,8 @@ class Transport:
         self._set_diffusivity(diffusivity, schmidt)
         self._face_value, self._steepest = scheme
         cells = grid.cells
-        self._add_sources = launch(add_sources) if add_sources else None
         self._stage = launch(
+            *([release.into(self.q, self.rest, self._start)] if release else []),
             *(
                 sweep(
                     partial(self._beyond, d),
@@ -259,8 +259,6 @@ class Transport:
         stages of dt/(s - 1), another stage, and the mean of their rates over the step.
         """
         stages = 1 + max(1, ceil(self._euler_steps(dt) - 1e-9))
-        if self._add_sources is not None:
-            self._add_sources(dt)
         self._start.copy_from(self.q)
         for n in range(stages - 1):
             self._stage(dt / (stages - 1), FIRST if n == 0 else BETWEEN)
