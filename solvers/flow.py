@@ -156,9 +156,12 @@ class FlowSolver(Carrier):
             *ghosts.filling_pressure(p, True),
         )
         self._fill = launch(*ghosts.filling_velocity(u))
-        self._stage = launch(
+        self._mix = launch(
             *([sweep(partial(eddy_viscosity, m), self.nu, around)] if m.eddies else []),
             *(walls.extending(self.nu) if walls else []),
+            *([Pass(self._rub, surfaces.cells)] if surfaces else []),
+        )
+        self._stage = launch(
             *slipping(of_fluxes(tendency)),
             *([Pass(self._slow, surfaces.cells)] if surfaces else []),
             *on_faces(advanced, u, u, u0, rate),
@@ -173,8 +176,14 @@ class FlowSolver(Carrier):
         )
         self._find_limits = launch(*self.limits.passes())
         self._lose = launch(
-            *slipping(of_fluxes(lost)), *([Pass(self._add_loss, surfaces.cells)] if surfaces else [])
+            *slipping(of_fluxes(lost)),
+            *(ghosts.filling_pressure(p, True) if surfaces else []),
+            *([Pass(self._rub, surfaces.cells), Pass(self._add_loss, surfaces.cells)] if surfaces else []),
         )
+
+    @ti.func
+    def _rub(self, dt, k):
+        self.surfaces.measure()
 
     @ti.func
     def _slow(self, dt, k):
@@ -194,8 +203,9 @@ class FlowSolver(Carrier):
         for resistance in self.resistances:
             resistance.advance(t, dt)
         self._begin(dt)
-        for k, c, lag in self._stages:
-            self._fill()
+        for n, (k, c, lag) in enumerate(self._stages):
+            if n > 0:
+                self._fill()
             self._stage(dt, k)
             self._prescribe(c)
             if lag > 0.0:
@@ -207,10 +217,14 @@ class FlowSolver(Carrier):
             self.heat.advance(t, dt)
 
     def _begin(self, dt: float) -> None:
-        """Remember u as the velocity at the start of a step of dt [s]; update what stays the same in the step."""
+        """Remember u as the velocity at the start of a step of dt [s]; update what stays the same in the step: eddy
+        viscosity and friction coefficients are those of its start.
+        """
         for start, u in zip(self._start, self.u, strict=True):
             start.copy_from(u)
         self._prepare(dt)
+        self._fill()
+        self._mix()
 
     def _project(self, dt: float) -> None:
         """Project u on divergence-free fields by the gradient of phi; dt [s]: scale of the pressure increment."""
@@ -232,8 +246,7 @@ class FlowSolver(Carrier):
         self._prescribe(1.0)
         self._project(1.0)
         self._fill()
-        self._stage(0.0, 1.0)  # sets the eddy viscosity
-        self._fill()
+        self._mix()
         self._measure()
         self.p.fill(0.0)
 

@@ -102,6 +102,7 @@ class Surfaces:
         # distance of the face's middle from the surface [m]; rate: surface area/(distance times stored volume), in
         # cells; stored: volume that stores the momentum of the face, in cells; normal of the surface, out of the air
         self._cell, self._distance, self._rate, self._stored, self._normal = zip(*fields, strict=True)
+        self._coefficient = [ti.filled(np.zeros(len(cell))) for cell in self.faces]  # see `measure`
         self._count = [len(cell) for cell in self.faces]
         self.cells = sum(self._count)
         self._extension: Extension | None = None
@@ -160,7 +161,7 @@ class Surfaces:
 
     @ti.func
     def _friction(self, d: Template, k):
-        """Return (face, friction rate [1/s], tangential velocity [m/s] along d) of the k-th surface face of axis d."""
+        """Return the friction coefficient [1/s] of the k-th surface face of axis d: friction over tangential velocity."""
         along, nu = self._along(d, k), self.m.viscosity[None]
         wall = nu
         if ti.static(self.m.eddies):
@@ -169,7 +170,7 @@ class Surfaces:
             if self._mixing[d][k] > 0.0 and self._is_adverse(d, k, along):
                 wide = ti.max(y, ti.static(LEAST * self.grid.dx))
                 wall = ti.max(wall, nu + damped(self._mixing[d][k], speed / wide, wide, nu))
-        return self._cell[d][k], self._rate[d][k] * wall / ti.static(self.grid.dx**2), along[d]
+        return self._rate[d][k] * wall / ti.static(self.grid.dx**2)
 
     @ti.func
     def slip(self, d: Template, k):
@@ -185,22 +186,29 @@ class Surfaces:
         return (1.0 - straightness(bend)) * self.m.u[d][self._cell[d][k]]
 
     @ti.func
-    def slow(self, rate: Template, dt: float):
-        """Subtract the surfaces' friction from the rates of change of u [m/s²], implicitly, as friction is stiff."""
+    def measure(self):
+        """Compute the friction coefficients of all surface faces for the present velocities and pressure."""
         for d in ti.static(range(self.dim)):
             count = self._count[d]
             for k in range((count + LANES - 1) // LANES):
                 values = ti.Vector([0.0] * LANES)
                 for n in range(LANES):
-                    I, f, along = self._friction(d, ti.min(k * LANES + n, count - 1))
-                    values[n] = (rate[d][I] - f * along) / (1.0 + dt * f)
+                    values[n] = self._friction(d, ti.min(k * LANES + n, count - 1))
                 for n in range(ti.min(LANES, count - k * LANES)):
-                    rate[d][self._cell[d][k * LANES + n]] = values[n]
+                    self._coefficient[d][k * LANES + n] = values[n]
+
+    @ti.func
+    def slow(self, rate: Template, dt: float):
+        """Subtract the surfaces' friction from the rates of change of u [m/s²], implicitly, as friction is stiff."""
+        for d in ti.static(range(self.dim)):
+            for k in range(self._count[d]):
+                I, f = self._cell[d][k], self._coefficient[d][k]
+                rate[d][I] = (rate[d][I] - f * self._along(d, k)[d]) / (1.0 + dt * f)
 
     @ti.func
     def add_loss(self, loss: Template):
         """Add the momentum that friction takes from the air to `loss` [m/s² of a whole cell]."""
         for d in ti.static(range(self.dim)):
-            for k in range(ti.static(self._count[d])):
-                I, f, along = self._friction(d, k)
-                loss[d][I] = loss[d][I] + self._stored[d][k] * f * along
+            for k in range(self._count[d]):
+                I, f = self._cell[d][k], self._coefficient[d][k]
+                loss[d][I] = loss[d][I] + self._stored[d][k] * f * self._along(d, k)[d]
