@@ -161,7 +161,7 @@ class Surfaces:
 
     @ti.func
     def _friction(self, d: Template, k):
-        """Return the friction coefficient [1/s] of the k-th surface face of axis d: friction over tangential velocity."""
+        """Return the friction coefficient [1/s] of the k-th surface face of axis d: friction over velocity."""
         along, nu = self._along(d, k), self.m.viscosity[None]
         wall = nu
         if ti.static(self.m.eddies):

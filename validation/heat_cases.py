@@ -8,7 +8,7 @@ import numpy as np
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.heat import HeatSolver
 from taichi_plume.validation.case import SECOND_ORDER, Answer, Case, Curve, Expected
-from taichi_plume.validation.flow_cases import Errors, advance, laminar_flow, rms, settle, velocities
+from taichi_plume.validation.flow_cases import Errors, laminar_flow, rms, settle, velocities
 from taichi_plume.validation.setups import cfd, flow_on, samples
 
 POWER, RADIUS = 60.0, 0.08  # W, m: heat source of the plume
@@ -97,7 +97,8 @@ def plume_flow(n: int, **keys: object) -> tuple[np.ndarray, FlowSolver]:
     mean = np.zeros(shape)
     for seed in SEEDS:
         flow = flow_on(wind, shape, WIDTH / n, seed)
-        advance(flow, SETTLED)
+        for _ in samples(flow, 0.0, SAMPLE, round(SETTLED / SAMPLE)):
+            pass  # in the steps of a run: still air allows a first one in which the heater would make a large bubble
         for _ in samples(flow, SETTLED, SAMPLE, count):
             mean += flow.grid.read(flow.u[2])
     return mean / (count * len(SEEDS)), flow

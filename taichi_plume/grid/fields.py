@@ -63,7 +63,8 @@ class Wind(Protocol):
 class Carrier(Wind, Protocol):
     """Gridded wind as seen by scalar transport (gas, heat) and by the film writer.
 
-    All fields are padded (see `Grid`) and belong to the time that `advance` has reached. ti.func: `velocity`.
+    All fields are padded (see `Grid`) and belong to the time that `advance` has reached; nu is that of the last step,
+    from its start. ti.func: `velocity`.
 
     A transported scalar reads the two numbers, viscosity and schmidt, in its constructor. The host reads outflow_rate
     and max_viscosity, which change from step to step, before each step of a scalar.

@@ -51,6 +51,40 @@ def test_the_step_is_as_long_as_the_most_limiting_cell_allows(turbulence):
         assert (convection + diffusion).max() < 0.95 * (convection.max() + diffusion.max())
 
 
+SLIP = [{"kind": "slip", "face": face} for face in ("y-", "y+")]
+
+
+@pytest.mark.parametrize("courant", [0.5, 1.2, 1.4])
+def test_the_pressure_follows_an_inlet_that_speeds_up(courant: float):
+    """Air that moves as a whole: dp/dx = -du/dt, and 0 at the outlet."""
+    inlet = {
+        "kind": "inlet",
+        "face": "x-",
+        "speed": 1.0,
+        "schedule": [{"at": 1.0, "speed": 2.0}],
+        "ramp": 0.5,
+    }
+    flow = flow_in(Grid((32, 4), 0.1), cfd([inlet, {"kind": "outlet", "face": "x+"}, *SLIP], courant=courant))
+    centers = flow.grid.centers()[..., 0]
+    advance(flow, 1.0)
+    for end, rise in ((1.4, 2.0), (2.4, 0.0), (4.0, 0.0)):
+        advance(flow, end, {1.4: 1.0, 2.4: 1.4, 4.0: 2.4}[end])
+        np.testing.assert_allclose(flow.grid.read(flow.p), rise * (3.2 - centers), atol=0.05)
+        assert flow.max_speed < 2.01
+
+
+@pytest.mark.parametrize("courant", [0.3, 1.2])
+def test_air_that_enters_through_an_outlet_was_at_rest_outside(courant: float):
+    """Bernoulli: u²/2 less than the ambient pressure behind the outlet, with a loss K another K u²/2."""
+    for loss in (0.0, 2.0):
+        vent = {"kind": "honeycomb", "face": "x-", "loss_coefficient": loss}
+        fan = {"kind": "inlet", "face": "x+", "speed": -0.8}
+        flow = flow_in(Grid((16, 4), 0.1), cfd([vent, fan, *SLIP], courant=courant))
+        advance(flow, 4.0)
+        expected = -0.5 * (1.0 + loss) * 0.8**2
+        np.testing.assert_allclose(flow.grid.read(flow.p), expected, rtol=0.03)
+
+
 @pytest.mark.slow
 def test_a_resistant_outlet_evens_out_the_outflow(taichi):
     """The larger the loss coefficient, the more uniform the flow through the honeycomb."""
@@ -169,10 +203,11 @@ def test_a_saved_flow_goes_on_to_the_bit(taichi):
     flow = made(busy(), walker(0.4), 3)
     state = State(flow)
     found(flow, 0.0)
-    saved = state.save()
+    saved, loss = state.save(), flow.momentum_loss()
     wanted = found(flow, 0.04)
     found(flow, 0.08)
     state.restore(saved)
+    assert_same(flow.momentum_loss(), loss)
     assert_same(found(flow, 0.04), wanted)
 
 
