@@ -35,11 +35,8 @@ class Boundaries:
     patches: openings on the grid, with their parameters; jets: the patches that blow.
     """
 
-    STATE = (
-        "ambient",
-        "curved",
-        "noise",
-    )  # targets follow from these and the time: openings may be others by then
+    # the targets follow from these, the time and the openings, which may have changed
+    STATE = ("ambient", "curved", "noise")
 
     def __init__(self, openings: tuple[Opening, ...], grid: Grid, area: Sequence[np.ndarray], seed: int = 0):
         """Place the openings; area: area fractions of the faces; seed: for turbulent inflow. Raises ValueError for an

@@ -156,10 +156,10 @@ class FlowSolver(Carrier):
             *ghosts.filling_pressure(p, True),
         )
         self._fill = launch(*ghosts.filling_velocity(u))
-        self._mix = launch(
+        self._set_viscosity = launch(
             *([sweep(partial(eddy_viscosity, m), self.nu, around)] if m.eddies else []),
             *(walls.extending(self.nu) if walls else []),
-            *([Pass(self._rub, surfaces.cells)] if surfaces else []),
+            *([Pass(self._measure_friction, surfaces.cells)] if surfaces else []),
         )
         self._stage = launch(
             *slipping(of_fluxes(tendency)),
@@ -178,11 +178,12 @@ class FlowSolver(Carrier):
         self._lose = launch(
             *slipping(of_fluxes(lost)),
             *(ghosts.filling_pressure(p, True) if surfaces else []),
-            *([Pass(self._rub, surfaces.cells), Pass(self._add_loss, surfaces.cells)] if surfaces else []),
+            *([Pass(self._measure_friction, surfaces.cells)] if surfaces else []),
+            *([Pass(self._add_loss, surfaces.cells)] if surfaces else []),
         )
 
     @ti.func
-    def _rub(self, dt, k):
+    def _measure_friction(self, dt, k):
         self.surfaces.measure()
 
     @ti.func
@@ -224,7 +225,7 @@ class FlowSolver(Carrier):
             start.copy_from(u)
         self._prepare(dt)
         self._fill()
-        self._mix()
+        self._set_viscosity()
 
     def _project(self, dt: float) -> None:
         """Project u on divergence-free fields by the gradient of phi; dt [s]: scale of the pressure increment."""
@@ -246,7 +247,7 @@ class FlowSolver(Carrier):
         self._prescribe(1.0)
         self._project(1.0)
         self._fill()
-        self._mix()
+        self._set_viscosity()
         self._measure()
         self.p.fill(0.0)
 

@@ -44,7 +44,7 @@ def test_every_component_has_its_intensity_and_nothing_goes_through(opening, sha
     noise = noise_of(opening, shape, 0.2)
     patch, planes = noise.patch, planes_of(noise, 1500, 0.1)
     total = np.abs(planes[:, patch.axis].reshape(len(planes), -1).sum(axis=1)).max()
-    assert total < 1e-6 * patch.covered.sum()
+    assert total < 1e-7 * patch.covered.sum()
     within = patch.covered.copy()
     for a in range(within.ndim):
         within &= np.roll(patch.covered, 1, axis=a)

@@ -23,7 +23,7 @@ def eddy_viscosity(taichi) -> Callable[[str, np.ndarray, float], float]:
         middle = 4 * flow.grid.dx
         for d, field in enumerate(flow.u):
             field.from_numpy((padded_faces(flow.grid, d) - middle) @ gradient[d])
-        flow._mix()
+        flow._set_viscosity()
         return float(flow.grid.read(flow.nu)[(4,) * dim]) - 1e-5
 
     return of
