@@ -112,8 +112,9 @@ class Growth:
         if ti.static(self.eddying):
             shift = ti.Vector([0.5] * self.dim)
             base, weight = corner(x, shift, self.grid.dx, self.grid.ghost, self.grid.padded)
+            I = ti.cell(base, (self.eddies,))
             for offset in ti.static(ti.grouped(ti.ndrange(*((2,) * self.dim)))):
-                nu = ti.max(self.eddies[base + offset] - self._viscosity[None], 0.0)
+                nu = ti.max(self.eddies[I + offset] - self._viscosity[None], 0.0)
                 K += corner_weight(weight, offset) * nu
                 for d in ti.static(range(self.dim)):
                     part = weight

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import reduce
 from typing import Any
 
+import numpy as np
+
 from taichi_plume.engine.library import Expr, impl, mark_function, matrix, taichi
 from taichi_plume.engine.trace import PLAIN, Components, Number, Trace, View
 
@@ -82,6 +84,8 @@ class Cell(Index):
     def __add__(self, other: Any) -> Any:
         if type(other) is Shift:
             return self.moved(other.components)
+        if isinstance(other, taichi.Matrix) and all(isinstance(k, int | np.integer) for k in other.entries):
+            return self.moved([int(k) for k in other.entries])
         return self.moved([other] * self.n) if _scalar(other) else super().__add__(other)
 
     __radd__ = __add__
@@ -157,6 +161,13 @@ def row(others: Any, like: Sequence[Any], dim: int = 0, axis: int = 0, first: An
     for view in like:
         cell.places[id(view._field.layout)] = impl.expr_init(cell.place_in(view))
     return cell
+
+
+@macro
+def cell(index: Any, like: Sequence[Any]) -> Cell:
+    """Return the cell of an index (dim,), a vector, with its place in the memory of fields like these."""
+    components = [impl.subscript(None, index, d) for d in range(len(like[0]._field.shape))]
+    return row(tuple(components[:0:-1]), like, first=components[0])
 
 
 @macro

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from taichi import *  # noqa: F403  # pyright: ignore[reportAssignmentType]
 
-from taichi_plume.engine.cells import along, load_numbers, row  # noqa: F401
+from taichi_plume.engine.cells import along, cell, load_numbers, row  # noqa: F401
 from taichi_plume.engine.fields import field, filled, filled_vectors, vector_field  # noqa: F401
 from taichi_plume.engine.kernels import kernel  # noqa: F401
 from taichi_plume.engine.library import func, taichi  # noqa: F401

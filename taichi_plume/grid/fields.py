@@ -254,8 +254,9 @@ def sample_faces(u: Template, x: Template, dx: float, ghost: ti.i32, padded: Tem
     for c in ti.static(range(x.n)):
         shift = ti.Vector([0.0 if d == c else 0.5 for d in ti.static(range(x.n))])
         base, weight = corner(x, shift, dx, ghost, padded)
+        I = ti.cell(base, u)
         for offset in ti.static(ti.grouped(ti.ndrange(*((2,) * x.n)))):
-            result[c] += corner_weight(weight, offset) * u[c][base + offset]
+            result[c] += corner_weight(weight, offset) * u[c][I + offset]
     return result
 
 
@@ -270,13 +271,14 @@ def sample_solenoidal(u: Template, x: Template, dx: float, ghost: ti.i32, padded
     uniform. Tangential velocities change at faces by a step of second order.
     """
     dim = ti.static(x.n)
-    I = ti.Vector.zero(ti.i32, dim)  # cell
+    base = ti.Vector.zero(ti.i32, dim)  # cell
     away = ti.Vector.zero(ti.f32, dim)  # position from its middle [cells]
     for d in ti.static(range(dim)):
         position = ti.math.clamp(x[d] / dx, 0.0, padded[d] - 2.0 * ghost)
-        I[d] = ti.min(ti.cast(position, ti.i32), padded[d] - 2 * ghost - 1)
-        away[d] = position - I[d] - 0.5
-        I[d] += ghost
+        base[d] = ti.min(ti.cast(position, ti.i32), padded[d] - 2 * ghost - 1)
+        away[d] = position - base[d] - 0.5
+        base[d] += ghost
+    I = ti.cell(base, u)
     result = ti.Vector.zero(ti.f32, dim)
     for d in ti.static(range(dim)):
         D = ti.Vector.unit(dim, d, ti.i32)
@@ -298,10 +300,11 @@ def sample_cells(c: Template, air: Template, x: Template, dx: float, ghost: ti.i
     """Return the cell field c at point x [m], multilinear between the centres of those cells where `air` is 1."""
     shift = ti.Vector([0.5] * x.n)
     base, weight = corner(x, shift, dx, ghost, padded)
+    I = ti.cell(base, (c, air))
     total, share = 0.0, 0.0
     for offset in ti.static(ti.grouped(ti.ndrange(*((2,) * x.n)))):
-        w = corner_weight(weight, offset) * air[base + offset]
-        total += w * c[base + offset]
+        w = corner_weight(weight, offset) * air[I + offset]
+        total += w * c[I + offset]
         share += w
     return total / ti.max(share, 1e-6)
 

@@ -95,18 +95,20 @@ class LevelSet:
     def distance(self, x: Template):
         """Return the signed distance [m] of point x from the next surface, negative inside obstacles."""
         base, weight = self._corner(x)
+        I = ti.cell(base, (self.field,))
         result = 0.0
         for offset in ti.static(ti.grouped(ti.ndrange(*((2,) * self.dim)))):
-            result += corner_weight(weight, offset) * self.field[base + offset]
+            result += corner_weight(weight, offset) * self.field[I + offset]
         return result
 
     @ti.func
     def normal(self, x: Template):
         """Return the unit vector at x away from the next surface."""
         base, weight = self._corner(x)
+        I = ti.cell(base, (self.field,))
         result = ti.Vector.zero(ti.f32, self.dim)
         for offset in ti.static(ti.grouped(ti.ndrange(*((2,) * self.dim)))):
-            value = self.field[base + offset]
+            value = self.field[I + offset]
             for d in ti.static(range(self.dim)):
                 part = weight
                 part[d] = 1.0 * offset[d]

@@ -145,6 +145,30 @@ def test_cells_of_rows_are_the_indices_that_they_stand_for():
     np.testing.assert_array_equal(field.to_numpy(), 100.0 * i + 10.0 * j + j + 6)
 
 
+@ti.kernel
+def add_corners(field: Template, index: Template, dim: Template, out: Template):
+    """Write the fields' values at the corners of the cube above each index, a digit of base 4 for each."""
+    for n in range(out.shape[0]):
+        I = ti.cell(index[n], (field,))
+        for offset in ti.static(ti.grouped(ti.ndrange(*((2,) * dim)))):
+            out[n] = 4.0 * out[n] + field[I + offset]
+
+
+@pytest.mark.parametrize("first_axis_contiguous", [True, False])
+@pytest.mark.parametrize("shape", [(3, 4), (3, 4, 5)])
+def test_the_corners_of_a_cell_are_those_of_its_index(shape, first_axis_contiguous):
+    dim, rng = len(shape), np.random.default_rng(1)
+    field = ArrayField(ti.f32, Layout(shape, first_axis_contiguous))
+    values = rng.integers(4, size=shape)
+    field.from_numpy(values)
+    indices = rng.integers(np.array(shape) - 1, size=(6, dim))
+    out = ti.field(ti.f32, 6)
+    add_corners(field, ti.filled_vectors(indices, ti.i32), dim, out)
+    for index, found in zip(indices, out.to_numpy(), strict=True):
+        corners = [values[tuple(index + offset)] for offset in np.ndindex((2,) * dim)]
+        assert found == int("".join(map(str, corners)), 4)
+
+
 def test_a_component_of_a_cell_cannot_be_set():
     @ti.kernel
     def wrong(field: Template):
