@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.engine import ti
@@ -13,18 +14,23 @@ def ticks_between(model: Listening, tick: float) -> int:
     return max(1, round(model.sample_period / tick))
 
 
+MEAN = Decision("mean_ppm", "ppm", "mean reading of the last acquisition", "acquisition.last")
+"""Decision quantity of algorithms that decide by the mean of their `acquisition`."""
+
+
 class Acquisition:
     """Series of gas samples that robots take while standing still; read `mean` once an acquisition is complete.
 
     parameters: must include the entries of `Acquisition.numbers`.
     """
 
-    STATE: tuple[str, ...] = ("since", "total")
+    STATE: tuple[str, ...] = ("since", "total", "last")
 
     def __init__(self, members: Members, parameters: Parameters):
         self.swarm, self.robot, self.p = members.swarm, members.robot, parameters
         self.since = ti.field(ti.i32, members.size)  # ticks since standing still
         self.total = ti.field(ti.f32, members.size)  # sum of the samples so far [ppm]
+        self.last = ti.filled(np.full(members.size, np.nan), ti.f32)  # mean of the last acquisition [ppm]
 
     @staticmethod
     def numbers(model: Listening, tick: float, least: int = 1) -> Numbers:
@@ -51,6 +57,7 @@ class Acquisition:
         over = listened >= self.p.samples[n] * self.p.between[n]
         if over:
             self.since[n] = 0
+            self.last[n] = self.mean(n)
             self.swarm.acquisitions[i] += ti.cast(self.swarm.searches(i), ti.i32)
         return over
 

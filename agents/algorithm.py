@@ -2,6 +2,7 @@
 
 from typing import Any, ClassVar, Protocol
 
+from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
@@ -20,6 +21,8 @@ class Algorithm(Protocol):
     """Names of the attributes that change during a run, for checkpoints (see grid/state.py)."""
     STATE_NAMES: tuple[str, ...]
     """Names of the algorithm's states, indexed by the swarm's column `state`."""
+    DECISIONS: tuple[Decision, ...]
+    """Quantities by which the algorithm decides, columns of `robots.parquet`."""
 
     def __init__(self, swarm: Swarm, members: Members, tick: float):
         """Make the algorithm for the robots `members`, at the start of a run; tick: control period [s]."""
@@ -41,6 +44,7 @@ class KernelAlgorithm:
     PER_GROUP: bool = False
     STATE: tuple[str, ...]
     STATE_NAMES: tuple[str, ...]
+    DECISIONS: tuple[Decision, ...] = ()
     STREAM: ClassVar[str] = ""
     """Name of the random stream whose key is `p.stream`; empty for algorithms without random numbers."""
     TALKS: ClassVar[bool] = False

@@ -8,6 +8,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
@@ -85,6 +86,21 @@ class Beliefs:
                 square += self.p[n, a, b] * (self.middle(a, b) - mean).norm_sqr()
         return ti.sqrt(square)
 
+    @ti.func
+    def entropy(self, n):
+        """Return the entropy of robot n's belief [nat]."""
+        total = 0.0
+        for a in range(self.cells[0]):
+            for b in range(self.cells[1]):
+                total -= self.p[n, a, b] * ti.log(ti.max(self.p[n, a, b], LEAST))
+        return total
+
+
+SPREAD = Decision(
+    "belief_spread_m", "m", "root mean square distance of the source from its mean", "declaring.spread"
+)
+"""Decision quantity of algorithms whose part `declaring` decides on declarations."""
+
 
 class Declaring:
     """Rule that lets a robot declare the source when the spread (standard deviation) of its belief is small.
@@ -97,12 +113,13 @@ class Declaring:
     parameters: must include the entries of `Declaring.numbers`.
     """
 
-    STATE: tuple[str, ...] = ("said", "spoke")
+    STATE: tuple[str, ...] = ("said", "spoke", "spread")
 
     def __init__(self, members: Members, parameters: Parameters):
         self.swarm, self.robot, self.p = members.swarm, members.robot, parameters
         self.said = ti.vector_field(2, ti.f32, max(1, members.size))  # the last declaration [m]
         self.spoke = ti.field(ti.i32, max(1, members.size))
+        self.spread = ti.filled(np.full(max(1, members.size), np.nan), ti.f32)  # of the last decision [m]
 
     @staticmethod
     def numbers(model: Declares, group: GroupRange) -> Numbers:
@@ -117,6 +134,7 @@ class Declaring:
     @ti.func
     def consider(self, n, place, spread, t):
         """Declare a source at `place` [m], time t [s], if `spread` [m], that of robot n's belief, is small enough."""
+        self.spread[n] = spread
         sure = self.p.declare_spread[n]
         if spread < sure and (self.spoke[n] == 0 or (place - self.said[n]).norm() > APART * sure):
             self.said[n], self.spoke[n] = place, 1

@@ -12,6 +12,7 @@ SIDESTEP  along s V by lost_distance, then IN_PLUME; blocked for PATIENCE: other
 
 from math import cos, radians, sin
 
+from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.tracking import FIND, PATIENCE, PlumeTracker
@@ -29,6 +30,11 @@ class Casting(PlumeTracker):
     STREAM = "casting"
     STATE: tuple[str, ...] = (*PlumeTracker.STATE, "cast", "failed")
     STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "IN_PLUME", "LOST", "SIDESTEP")
+    DECISIONS: tuple[Decision, ...] = (
+        *PlumeTracker.DECISIONS,
+        Decision("cast_m", "m", "length of the last sweep across the wind", "cast", none=0.0),
+        Decision("failed_casts", "1", "number of sweeps without gas since the plume was lost", "failed"),
+    )
 
     def _allocate(self) -> None:
         super()._allocate()

@@ -17,6 +17,7 @@ CAST    along s V, r Z, -s V, -r Z by cast_distance and cast_rise, then twice as
 The drone keeps its heading: it flies in any direction.
 """
 
+from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.tracking import FIND, UPWIND, PlumeTracker
@@ -33,6 +34,11 @@ class Casting3D(PlumeTracker):
     STREAM = "casting_3d"
     STATE: tuple[str, ...] = (*PlumeTracker.STATE, "leg", "rise")
     STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "SURGE", "CAST", "RISE")
+    DECISIONS: tuple[Decision, ...] = (
+        *PlumeTracker.DECISIONS,
+        Decision("cast_segment", "1", "number of the path segment in the last cast, from 0 on", "leg"),
+        Decision("vertical_sense", "1", "last vertical motion: 1 upward, -1 downward", "rise", none=0.0),
+    )
 
     def _allocate(self) -> None:
         super()._allocate()

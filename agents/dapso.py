@@ -23,8 +23,11 @@ readings on the way.
 
 import cmath
 
-from taichi_plume.agents.acquisition import Acquisition
+import numpy as np
+
+from taichi_plume.agents.acquisition import MEAN, Acquisition
 from taichi_plume.agents.algorithm import KernelAlgorithm
+from taichi_plume.agents.decisions import Decision, position, way_point
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import Potential
@@ -53,9 +56,21 @@ class Dapso(KernelAlgorithm):
     TALKS = True
     STATE: tuple[str, ...] = (
         *("radio", "potential", "acquisition", "under_way", "step", "way_point"),
-        *("best", "best_time", "best_place", "goal", "short"),
+        *("best", "best_time", "best_place", "goal", "short", "most", "odour_known"),
     )
     STATE_NAMES: tuple[str, ...] = ("MEASURE", "DRIVE", "EXPLORE")
+    DECISIONS: tuple[Decision, ...] = (
+        MEAN,
+        Decision("own_best_ppm", "ppm", "f(p), best reading of the robot", "best", none=UNKNOWN),
+        *position("own_best", "p, where the robot had its best reading", "best_place"),
+        Decision(
+            "known_best_ppm", "ppm", "best reading of the robot and its neighbours", "most", none=UNKNOWN
+        ),
+        *position("known_best", "g, where the robot or a neighbour had this reading", "goal"),
+        Decision("odour_known", "1", "1: this reading reaches the threshold, 0: not, the robot explores"),
+        *way_point(),
+        Decision("short_steps", "1", "number of steps in a row shorter than `restart_step`", "short"),
+    )
 
     def _allocate(self) -> None:
         n = self.size
@@ -69,7 +84,11 @@ class Dapso(KernelAlgorithm):
         self.best_time = ti.field(ti.f32, n)  # time of that update [s]
         self.best_place = ti.vector_field(2, ti.f32, n)  # p [m]
         self.goal = ti.vector_field(2, ti.f32, n)  # g at the last update [m]
+        for place in (self.way_point, self.best_place, self.goal):
+            place.fill(np.nan)
         self.short = ti.field(ti.i32, n)  # short steps in a row
+        self.most = ti.filled(np.full(n, UNKNOWN), ti.f32)  # f(g) at the last update [ppm]
+        self.odour_known = ti.filled(np.full(n, np.nan), ti.f32)  # whether it reaches the threshold
 
     def numbers(self, group: GroupRange, model: algorithms.Dapso) -> Numbers:
         return {
@@ -157,6 +176,7 @@ class Dapso(KernelAlgorithm):
         self.short[n] = ti.select((w - x).norm() < self.p.restart_step[n], self.short[n] + 1, 0)
         restarts = self.p.restart_after[n] > 0 and self.short[n] >= self.p.restart_after[n]
         explores = most < self.p.threshold[n]
+        self.most[n], self.odour_known[n] = most, 1.0 - ti.cast(explores, ti.f32)
         if restarts or explores:
             u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 1)
             w = self.potential.clear(n, self._inside(n, ti.Vector([u[0], u[1]])))

@@ -10,8 +10,11 @@ TUMBLE   no rise, or the first mean: turn by any angle, drive a step
 
 from math import pi, radians
 
-from taichi_plume.agents.acquisition import Acquisition
+import numpy as np
+
+from taichi_plume.agents.acquisition import MEAN, Acquisition
 from taichi_plume.agents.algorithm import KernelAlgorithm
+from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.path_segments import Legs
@@ -26,13 +29,19 @@ class EColi(KernelAlgorithm):
     """E. coli (run and tumble) search algorithm. tick: control period [s]."""
 
     STREAM = "e. coli"
-    STATE: tuple[str, ...] = ("legs", "acquisition", "before")
+    STATE: tuple[str, ...] = ("legs", "acquisition", "before", "rise")
     STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "RUN", "TUMBLE")
+    DECISIONS: tuple[Decision, ...] = (
+        MEAN,
+        Decision("rise_ppm", "ppm", "mean of the last acquisition less that of the one before", "rise"),
+        Decision("course", "rad", "direction of the path segment", "legs.course"),
+    )
 
     def _allocate(self) -> None:
         self.legs = Legs(self.members, self.p)
         self.acquisition = Acquisition(self.members, self.p)
         self.before = ti.field(ti.f32, self.size)  # mean of the previous acquisition [ppm]
+        self.rise = ti.filled(np.full(self.size, np.nan), ti.f32)  # rise of the mean [ppm]; NaN before
 
     def numbers(self, group: GroupRange, model: algorithms.EColi) -> Numbers:
         return {
@@ -57,6 +66,8 @@ class EColi(KernelAlgorithm):
         i = self.robot[n]
         mean = self.acquisition.mean(n)
         rose = mean > self.before[n] and self.swarm.acquisitions[i] > 1
+        if self.swarm.acquisitions[i] > 1:
+            self.rise[n] = mean - self.before[n]
         self.before[n] = mean
         self.swarm.hits[i] += ti.cast(rose and self.swarm.searches(i), ti.i32)
         u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 0)

@@ -13,6 +13,7 @@ from typing import cast
 import numpy as np
 
 from taichi_plume.agents.columns import Columns, Rows, further_gas_sensors
+from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.scenario.external import External
@@ -65,6 +66,7 @@ class ExternalAlgorithm:
     PER_GROUP: bool = True
     STATE: tuple[str, ...] = ()
     STATE_NAMES: tuple[str, ...] = ("AWAITED", "DRIVEN", "LOST")
+    DECISIONS: tuple[Decision, ...] = ()
 
     def __init__(self, swarm: Swarm, members: Members, tick: float):
         self.members, self.size = members, members.size

@@ -29,9 +29,10 @@ from math import radians
 
 import numpy as np
 
-from taichi_plume.agents.acquisition import Acquisition
+from taichi_plume.agents.acquisition import MEAN, Acquisition
 from taichi_plume.agents.algorithm import KernelAlgorithm
-from taichi_plume.agents.beliefs import LEAST, Beliefs, Declaring
+from taichi_plume.agents.beliefs import LEAST, SPREAD, Beliefs, Declaring
+from taichi_plume.agents.decisions import Decision, way_point
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
@@ -50,8 +51,19 @@ class HitMap(KernelAlgorithm):
 
     PER_GROUP: bool = True  # has a single map of paths
     WORK = 4
-    STATE: tuple[str, ...] = ("potential", "acquisition", "declaring", "belief", "felt", "goal", "next")
+    STATE: tuple[str, ...] = (
+        *("potential", "acquisition", "declaring", "belief", "felt", "goal", "next"),
+        *("detection", "entropy", "information"),
+    )
     STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "MOVE")
+    DECISIONS: tuple[Decision, ...] = (
+        MEAN,
+        Decision("detection", "1", "1: the last acquisition was a detection, 0: not"),
+        Decision("entropy", "nat", "entropy of the belief after the last acquisition"),
+        SPREAD,
+        *way_point(),
+        Decision("information", "nat/s", "expected information there per time; null on the way to the mean"),
+    )
 
     def _allocate(self) -> None:
         self.potential = Potential(self.members, self.p)
@@ -66,6 +78,9 @@ class HitMap(KernelAlgorithm):
         self.home = ti.field(ti.i32, self.size)  # cell of the start position
         self.goal = ti.field(ti.i32, self.size)  # cell to measure in
         self.next = ti.field(ti.i32, self.size)  # cell on the way there
+        self.detection, self.entropy, self.information = (
+            ti.filled(np.full(self.size, np.nan), ti.f32) for _ in range(3)
+        )  # of the last acquisition; NaN before
         self.belief_cell, self.belief_low = self.cell, np.array(self.gas.low)
 
     def numbers(self, group: GroupRange, model: Model) -> Numbers:
@@ -87,6 +102,13 @@ class HitMap(KernelAlgorithm):
 
     def beliefs(self) -> np.ndarray:
         return self.belief.p.to_numpy()
+
+    @property
+    def way_point(self) -> np.ndarray:
+        """Centre of the cell to which each robot drives (size, 2) [m]; NaN before the first."""
+        goal, low = self.goal.values, np.array(self.gas.low)
+        place = low + self.cell * (np.stack([goal // self.columns, goal % self.columns], axis=-1) + 0.5)
+        return np.where(np.isnan(self.entropy.values)[:, None], np.nan, place)
 
     @ti.func
     def _start(self, n):
@@ -110,6 +132,7 @@ class HitMap(KernelAlgorithm):
                     self.swarm.hits[i] += ti.cast(hit, ti.i32)
                     if here >= 0:
                         self._learn(n, here, hit, wind)
+                        self.detection[n], self.entropy[n] = ti.cast(hit, ti.f32), self.belief.entropy(n)
                         self._go_on(n, wind, t)
             if self.swarm.state[i] == MOVE:
                 self._follow(n, dt)
@@ -190,6 +213,7 @@ class HitMap(KernelAlgorithm):
         start = self.roads.free_cell_of(self.swarm.believed_position[i])
         if start >= 0:
             goal = -1
+            self.information[n] = ti.math.nan
             if spread <= self.p.converged[n]:
                 goal = self._nearest_to(start, mean)
             if goal < 0 or goal == start:
@@ -223,6 +247,8 @@ class HitMap(KernelAlgorithm):
                 gain = self._information(n, c, wind) / (self.p.pause[n] + way / self.p.speed[n])
                 if gain > most:
                     best, most = c, gain
+        if best >= 0:
+            self.information[n] = most
         return best
 
     @ti.func

@@ -21,9 +21,10 @@ from math import hypot, log, pi
 import numpy as np
 from scipy.special import k0e
 
-from taichi_plume.agents.acquisition import Acquisition
+from taichi_plume.agents.acquisition import MEAN, Acquisition
 from taichi_plume.agents.algorithm import KernelAlgorithm
-from taichi_plume.agents.beliefs import LEAST, Beliefs, Declaring
+from taichi_plume.agents.beliefs import LEAST, SPREAD, Beliefs, Declaring
+from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.path_segments import Legs
@@ -57,8 +58,17 @@ class AnyInfotaxis(KernelAlgorithm):
     PER_GROUP: bool = True  # has a single table of probabilities and size of cells
     STREAM = "infotaxis"
     WORK = 4
-    STATE: tuple[str, ...] = ("legs", "acquisition", "declaring", "belief", "downwind")
+    STATE: tuple[str, ...] = (
+        *("legs", "acquisition", "declaring", "belief", "downwind", "detection", "entropy", "cost", "move"),
+    )
     STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "MOVE")
+    DECISIONS: tuple[Decision, ...] = (
+        MEAN,
+        Decision("detection", "1", "1: the last acquisition was a detection, 0: not"),
+        Decision("entropy", "nat", "entropy of the belief after the last acquisition"),
+        SPREAD,
+        Decision("chosen_move", "1", "direction of the chosen move, in units of 90°; 4: stay", "move"),
+    )
 
     def _allocate(self) -> None:
         self.legs = Legs(self.members, self.p)
@@ -70,6 +80,9 @@ class AnyInfotaxis(KernelAlgorithm):
         self.half = int(np.ceil(hypot(*self.belief.extent) / self.spacing)) + 1
         self.chance = ti.filled(self._chances())
         self.downwind = ti.vector_field(2, ti.f32, self.size)  # mean of the measured wind so far
+        self.detection, self.entropy, self.cost, self.move = (
+            ti.filled(np.full(self.size, np.nan), ti.f32) for _ in range(4)
+        )  # of the last acquisition; NaN before
 
     def numbers(self, group: GroupRange, model: belief_algorithms.AnyInfotaxis) -> Numbers:
         return {
@@ -105,6 +118,7 @@ class AnyInfotaxis(KernelAlgorithm):
                 detected = self.acquisition.mean(n) >= self.p.threshold[n]
                 self.swarm.hits[i] += ti.cast(detected, ti.i32)
                 self._learn(n, detected)
+                self.detection[n], self.entropy[n] = ti.cast(detected, ti.f32), self.belief.entropy(n)
                 mean = self.belief.mean(n)
                 spread = self.belief.spread(n, mean)
                 self.declaring.consider(n, mean + ti.Vector(self.belief.low), spread, t)
@@ -199,6 +213,7 @@ class AnyInfotaxis(KernelAlgorithm):
                 cost = self._cost(n, target)
                 if cost < least - 1e-6:
                     best, least = move, cost
+        self.cost[n], self.move[n] = least, ti.cast(best, ti.f32)
         return best
 
     @ti.func
@@ -214,6 +229,17 @@ class AnyInfotaxis(KernelAlgorithm):
 
 class Infotaxis(AnyInfotaxis):
     """Infotaxis search algorithm for the robots of a group, each with its own belief."""
+
+    DECISIONS: tuple[Decision, ...] = (
+        *AnyInfotaxis.DECISIONS,
+        Decision("expected_entropy", "nat", "expected entropy after the chosen move and acquisition", "cost"),
+        Decision("expected_gain", "nat", "entropy less expected entropy", "expected_gain"),
+    )
+
+    @property
+    def expected_gain(self) -> np.ndarray:
+        """Expected reduction of the entropy by the chosen move of each robot, (size,) [nat]."""
+        return self.entropy.values - self.cost.values
 
     @ti.func
     def _cost(self, n, p):
@@ -237,6 +263,11 @@ class SpaceAwareInfotaxis(AnyInfotaxis):
     positions among which a uniform belief has the entropy H [bit]. In the paper a position is a step wide; here a cell
     counts as the part of a step that it covers, and all cells as one position at least.
     """
+
+    DECISIONS: tuple[Decision, ...] = (
+        *AnyInfotaxis.DECISIONS,
+        Decision("expected_cost", "1", "expected J after the chosen move and acquisition", "cost"),
+    )
 
     @ti.func
     def _cost(self, n, p):

@@ -15,6 +15,7 @@ import numpy as np
 from scipy import ndimage
 
 from taichi_plume.agents.algorithm import KernelAlgorithm
+from taichi_plume.agents.decisions import Decision, way_point
 from taichi_plume.agents.gas_map import Floor
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
@@ -34,6 +35,7 @@ class LeastKnown(KernelAlgorithm):
     PER_GROUP: bool = True  # has a single map
     STATE: tuple[str, ...] = ("potential", "map", "goal")
     STATE_NAMES: tuple[str, ...] = ("DRIVE",)
+    DECISIONS: tuple[Decision, ...] = way_point("goal")
 
     def _allocate(self) -> None:
         swarm, group = self.swarm, self.members.groups[0]

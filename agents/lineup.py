@@ -22,6 +22,7 @@ from math import cos, radians, sin
 import numpy as np
 
 from taichi_plume.agents.algorithm import KernelAlgorithm
+from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import Potential
@@ -46,6 +47,12 @@ class LineUp(KernelAlgorithm):
         *("rank", "least", "late"),
     )
     STATE_NAMES: tuple[str, ...] = ("FEEL", "FORM", "SWEEP", "WAIT")
+    DECISIONS: tuple[Decision, ...] = (
+        Decision("rank", "1", "number of the robot in its line, counted downwind from 0 on"),
+        Decision("line_across_m", "m", "b, position of the line's middle across the wind", "across"),
+        Decision("line_tilt", "1", "tilt of the line: 1 or -1; 0 before", "line_tilt"),
+        Decision("late_s", "s", "time since the robot came closer to its position", "late"),
+    )
 
     def _allocate(self) -> None:
         self.potential = Potential(self.members, self.p)
@@ -90,6 +97,16 @@ class LineUp(KernelAlgorithm):
             "given": model.wind_direction_deg is not None,
             "direction": (cos(angle), sin(angle)),
         }
+
+    @property
+    def across(self) -> np.ndarray:
+        """Position b of each robot's line across the wind, (size,) [m]."""
+        return self.b.values[self.line.values]
+
+    @property
+    def line_tilt(self) -> np.ndarray:
+        """Tilt of each robot's line, (size,)."""
+        return self.tilt.values[self.line.values]
 
     @long_kernel
     def act(self, tick: int, t: float, dt: float):

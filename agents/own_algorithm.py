@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.agents.columns import Rows
+from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.own_robots import GOALS, Outputs, Robots, readable_columns, writable_columns
 from taichi_plume.agents.parameters import Parameters
@@ -102,6 +103,7 @@ class OwnAlgorithm:
     """
 
     PER_GROUP = True
+    DECISIONS: tuple[Decision, ...] = ()
 
     def __init__(self, swarm: Swarm, members: Members, own: type, before: "OwnAlgorithm | None" = None):
         self.swarm, self.members, self.own = swarm, members, own

@@ -23,6 +23,7 @@ import numpy as np
 
 from taichi_plume.agents.beliefs import Declaring
 from taichi_plume.agents.casting import IN_PLUME, LOST, SIDESTEP, Casting
+from taichi_plume.agents.decisions import Decision, position
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
@@ -52,6 +53,14 @@ class ParticleFilter(Casting):
         *("mean", "spread", "estimate", "estimated", "visit", "visited", "doubts"),
     )
     STATE_NAMES: tuple[str, ...] = (*Casting.STATE_NAMES, "GO")
+    DECISIONS: tuple[Decision, ...] = (
+        *Casting.DECISIONS,
+        Decision("filter_runs", "1", "1: there are particles, 0: none since the last restart", "known"),
+        *position("estimate", "mean of the particles: estimated source", "mean"),
+        Decision("belief_spread_m", "m", "root mean square distance of the source from its mean", "spread"),
+        Decision("estimates", "1", "number of estimates since the robot traces the plume", "estimated"),
+        Decision("doubts", "1", "number of unexplained detections in a row"),
+    )
 
     def _allocate(self) -> None:
         super()._allocate()
@@ -70,6 +79,8 @@ class ParticleFilter(Casting):
         self.visit: Field = ti.vector_field(2, ti.f32, n)  # last estimate visited by the robot [m]
         self.visited = ti.field(ti.i32, n)  # whether there was one
         self.doubts = ti.field(ti.i32, n)  # unexplained detections in a row
+        self.mean.fill(np.nan)
+        self.spread.fill(np.nan)
         self.belief_cell = model.cell
         clearance = self.swarm.clearance
         self.belief_low = np.array(clearance.low)
@@ -262,6 +273,7 @@ class ParticleFilter(Casting):
     def _forget(self, n):
         """Discard robot n's particles; the filter restarts at the next detection."""
         self.known[n], self.visited[n], self.doubts[n] = 0, 0, 0
+        self.mean[n], self.spread[n] = ti.Vector([ti.math.nan, ti.math.nan]), ti.math.nan
         if self.swarm.state[self.robot[n]] == GO:
             self._trace(n)
         self.estimated[n] = 0

@@ -8,6 +8,7 @@ from typing import cast
 import numpy as np
 
 from taichi_plume.agents.commands import Commands
+from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.observation import Observation
 from taichi_plume.agents.serial_loops import runs_serially
@@ -23,6 +24,7 @@ class PolicyAlgorithm:
     PER_GROUP: bool = True
     STATE: tuple[str, ...] = ("observation", "commands")
     STATE_NAMES: tuple[str, ...] = ("POLICY",)
+    DECISIONS: tuple[Decision, ...] = ()
 
     def __init__(self, swarm: Swarm, members: Members, tick: float, network: Network):
         self.members, self.size, self.tick, self.network = members, members.size, tick, network

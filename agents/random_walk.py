@@ -7,6 +7,7 @@ BUMP  after a collision: another random angle and a new segment
 from math import pi, radians
 
 from taichi_plume.agents.algorithm import KernelAlgorithm
+from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.path_segments import DRIVE, Legs
@@ -23,6 +24,10 @@ class RandomWalk(KernelAlgorithm):
     STREAM = "random walk"
     STATE: tuple[str, ...] = ("legs",)
     STATE_NAMES: tuple[str, ...] = ("WALK", "BUMP")
+    DECISIONS: tuple[Decision, ...] = (
+        Decision("course", "rad", "direction of the path segment", "legs.course"),
+        Decision("segment_m", "m", "length of the path segment", "legs.length"),
+    )
 
     def _allocate(self) -> None:
         self.legs = Legs(self.members, self.p)

@@ -13,6 +13,7 @@ from typing import cast
 import numpy as np
 
 from taichi_plume.agents.columns import Columns, Rows
+from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.files.trajectories import Way
@@ -28,6 +29,7 @@ class ReplayAlgorithm:
     PER_GROUP: bool = True
     STATE: tuple[str, ...] = ("sums",)
     STATE_NAMES: tuple[str, ...] = ("WAITING", "REPLAYED", "ENDED")
+    DECISIONS: tuple[Decision, ...] = ()
 
     def __init__(self, swarm: Swarm, members: Members, tick: float, ways: Sequence[Way]):
         self.members = members

@@ -27,6 +27,7 @@ from math import pi
 
 from taichi_plume.agents.acquisition import Recording, ticks_between
 from taichi_plume.agents.algorithm import KernelAlgorithm
+from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.path_segments import Legs
@@ -50,8 +51,19 @@ class Spiral(KernelAlgorithm):
     STREAM = "spiral"
     STATE: tuple[str, ...] = (
         *("legs", "acquisition", "indices", "places", "arm", "sense", "threshold", "index", "misses", "low"),
+        *("needed", "hit", "escapes"),
     )
     STATE_NAMES: tuple[str, ...] = ("ARM", "ACQUIRE", "ESCAPE")
+    DECISIONS: tuple[Decision, ...] = (
+        Decision("proximity_index", "ppm", "proximity index PI of the last acquisition", "index"),
+        Decision("index_needed", "ppm", "threshold that this index had to reach for a HIT", "needed"),
+        Decision("index_hit", "1", "1: the last acquisition was a HIT, 0: a MISS", "hit"),
+        Decision("index_threshold", "ppm", "threshold T_PI for the next acquisition", "threshold"),
+        Decision("misses", "1", "number of misses in a row"),
+        Decision("low_misses", "1", "number of misses in a row below half of the threshold", "low"),
+        Decision("arm", "1", "number of the arm in the spiral, from 0 on"),
+        Decision("escapes", "1", "number of escapes"),
+    )
 
     def _allocate(self) -> None:
         n = self.size
@@ -66,6 +78,9 @@ class Spiral(KernelAlgorithm):
         self.index = ti.field(ti.f32, n)  # last PI [ppm]
         self.misses = ti.field(ti.i32, n)  # misses in a row
         self.low = ti.field(ti.i32, n)  # misses in a row below half of the threshold
+        self.needed = ti.field(ti.f32, n)  # threshold of the last PI [ppm]
+        self.hit = ti.field(ti.f32, n)  # whether the last PI was a HIT; NaN before
+        self.escapes = ti.field(ti.i32, n)
 
     def numbers(self, group: GroupRange, model: algorithms.Spiral) -> Numbers:
         between = ticks_between(model, self.tick)
@@ -91,6 +106,7 @@ class Spiral(KernelAlgorithm):
         u = self._uniform(n, 0)
         self.sense[n] = ti.select(u[2] > 0.5, 1.0, -1.0)
         self.threshold[n] = self.p.minimum[n]
+        self.index[n], self.needed[n], self.hit[n] = ti.math.nan, ti.math.nan, ti.math.nan
         self._set_out(n)
 
     @ti.func
@@ -174,6 +190,7 @@ class Spiral(KernelAlgorithm):
         needed = self.threshold[n]
         if self.p.strict[n] == 1:
             needed = ti.max(needed, self.p.minimum[n])
+        self.needed[n], self.hit[n] = needed, ti.cast(index >= needed, ti.f32)
         if index >= needed:
             self.swarm.hits[i] += ti.cast(self.swarm.searches(i), ti.i32)
             self.threshold[n] = index
@@ -198,6 +215,7 @@ class Spiral(KernelAlgorithm):
             self.threshold[n] = self.p.minimum[n]
             self._forget(n)
             self.swarm.state[i] = ESCAPE
+            self.escapes[n] += ti.cast(self.swarm.searches(i), ti.i32)
             turn = ti.floor(self._uniform(n, tick)[1] * TURNS) * ti.static(2.0 * pi / TURNS)
             self.legs.set_out(n, turn, self.p.escape_length[n], self.sense[n])
 

@@ -8,6 +8,7 @@ CAST   along s V to cast_distance from where the plume was lost, then as far to 
        twice as far; after PAIRS of them, or when blocked on both sides, FIND
 """
 
+from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.tracking import FIND, PlumeTracker
@@ -25,6 +26,11 @@ class SurgeCast(PlumeTracker):
     STREAM = "surge_cast"
     STATE: tuple[str, ...] = (*PlumeTracker.STATE, "leg", "length")
     STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "SURGE", "CAST")
+    DECISIONS: tuple[Decision, ...] = (
+        *PlumeTracker.DECISIONS,
+        Decision("cast_m", "m", "length of the last sweep across the wind", "length", none=0.0),
+        Decision("cast_segment", "1", "number of the path segment in the last cast, from 0 on", "leg"),
+    )
 
     def _allocate(self) -> None:
         super()._allocate()

@@ -9,6 +9,7 @@ SPIRAL  along r = gap phi / 2 pi, turning towards s; after the set number of tur
 
 from math import pi
 
+from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.tracking import FIND, STEER, PlumeTracker
@@ -24,6 +25,10 @@ class SurgeSpiral(PlumeTracker):
     STREAM = "surge_spiral"
     STATE: tuple[str, ...] = (*PlumeTracker.STATE, "phi", "began")
     STATE_NAMES: tuple[str, ...] = ("FIND", "UPWIND", "SURGE", "SPIRAL")
+    DECISIONS: tuple[Decision, ...] = (
+        *PlumeTracker.DECISIONS,
+        Decision("spiral_angle", "rad", "angle covered on the last spiral", "phi"),
+    )
 
     def _allocate(self) -> None:
         super()._allocate()

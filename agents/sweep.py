@@ -14,6 +14,7 @@ from typing import cast
 import numpy as np
 
 from taichi_plume.agents.algorithm import KernelAlgorithm
+from taichi_plume.agents.decisions import Decision, way_point
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
@@ -30,6 +31,7 @@ class Sweep(KernelAlgorithm):
 
     STATE: tuple[str, ...] = ("potential", "next", "order")
     STATE_NAMES: tuple[str, ...] = ("TRANSIT", "SWEEP", "DONE")
+    DECISIONS: tuple[Decision, ...] = way_point()
 
     def _allocate(self) -> None:
         self.potential = Potential(self.members, self.p)
@@ -44,6 +46,11 @@ class Sweep(KernelAlgorithm):
 
     def numbers(self, group: GroupRange, model: algorithms.Sweep) -> Numbers:
         return {**Potential.numbers(self.swarm, group, model.speed, model.avoidance), "repeat": model.repeat}
+
+    @property
+    def way_point(self) -> np.ndarray:
+        """Point to which each robot drives, the end of its lane, (size, 2) [m]."""
+        return self.way.values[np.arange(self.size), self.next.values]
 
     def _ways(self) -> list[np.ndarray]:
         """Return the way points (k, 2) [m] of every robot, along its lanes."""

@@ -10,7 +10,10 @@ a slow sensor. Into the plume: reading at the threshold or more, and (if peak_fr
 smallest since the loss.
 """
 
+import numpy as np
+
 from taichi_plume.agents.algorithm import KernelAlgorithm
+from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.lag import Lag
 from taichi_plume.agents.parameters import Numbers
@@ -36,7 +39,16 @@ class PlumeTracker(KernelAlgorithm):
     driving direction in each state.
     """
 
-    STATE: tuple[str, ...] = ("wind", "upwind", "side", "step_sign", "peak", "trough", "mark", "stuck")
+    STATE: tuple[str, ...] = (
+        *("wind", "upwind", "side", "step_sign", "peak", "trough", "mark", "stuck", "needed", "detects"),
+    )
+    DECISIONS: tuple[Decision, ...] = (
+        Decision("needed_ppm", "ppm", "reading needed to enter the plume or, in it, to stay", "needed"),
+        Decision("detects", "1", "1: the reading reached what was needed, 0: not"),
+        Decision("upwind_x", "1", "estimated unit vector upwind", "upwind", 0),
+        Decision("upwind_y", "1", "estimated unit vector upwind", "upwind", 1),
+        Decision("cast_side", "1", "side of crosswind motion: 1 left of upwind, -1 right", "side"),
+    )
 
     def _allocate(self) -> None:
         n = self.size
@@ -48,6 +60,10 @@ class PlumeTracker(KernelAlgorithm):
         self.trough = ti.field(ti.f32, n)  # smallest reading since losing the plume [ppm]
         self.mark = ti.field(ti.f32, n)  # odometer at the start of the state, or at the last gas [m]
         self.stuck = ti.field(ti.f32, n)  # time blocked in a row [s]
+        self.needed = ti.filled(
+            np.full(n, np.nan), ti.f32
+        )  # reading that is compared with the last one [ppm]
+        self.detects = ti.filled(np.full(n, np.nan), ti.f32)  # whether the last reading was as high
         self.bump = ti.field(ti.i32, n)  # whether an obstacle is ahead on the robot's course
 
     def numbers(self, group: GroupRange, model: PlumeTracking) -> Numbers:
@@ -131,6 +147,8 @@ class PlumeTracker(KernelAlgorithm):
         self.peak[n] = ti.max(self.peak[n], c)
         self.trough[n] = c
         smells = self._is_strong(n)
+        self.needed[n] = ti.max(self.p.leave[n], self.p.peak_fraction[n] * self.peak[n])
+        self.detects[n] = ti.cast(smells, ti.f32)
         if smells:
             self.mark[n] = self.swarm.odometer[self.robot[n]]
         return smells
@@ -147,6 +165,8 @@ class PlumeTracker(KernelAlgorithm):
         c = self.swarm.reading[self.robot[n]]
         self.trough[n] = ti.min(self.trough[n], c)
         enters = c >= self.p.threshold[n] and (self.p.peak_fraction[n] == 0.0 or c >= RISE * self.trough[n])
+        rise = ti.select(self.p.peak_fraction[n] == 0.0, 0.0, RISE * self.trough[n])
+        self.needed[n], self.detects[n] = ti.max(self.p.threshold[n], rise), ti.cast(enters, ti.f32)
         if enters:
             self.peak[n] = c
             self.step_sign[n] = 1.0

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
+from taichi_plume.agents import decisions
 from taichi_plume.grid.blas import one_blas_thread
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Mixture, Odour, Wind
@@ -45,6 +46,8 @@ class Team(Protocol):
     """Indices of the groups in the scenario."""
     algorithm: Any
     """The search algorithm that commands the robots."""
+    members: Any
+    """Robots of the algorithm, see `agents.members`."""
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -234,6 +237,14 @@ class TimeLoop:
         """Return the names of the algorithm's states for each group, indexed by the robots' `state`."""
         names = {number: team.state_names for team in self.teams for number in team.numbers}
         return [names[number] for number in sorted(names)]
+
+    def decision_columns(self) -> tuple[decisions.Decision, ...]:
+        """Return the decision quantities of the algorithms that drive robots."""
+        return decisions.columns(self.teams)
+
+    def decisions(self) -> dict[str, np.ndarray]:
+        """Return the decision quantities of all robots, (count,) by name; NaN for robots of other algorithms."""
+        return decisions.values(self.teams, self.swarm.count)
 
     @one_blas_thread
     def run(self) -> None:

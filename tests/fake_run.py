@@ -207,7 +207,11 @@ def simulation(model: Scenario) -> TimeLoop:
     """The fake run of a scenario."""
     grid = Grid.of(model.domain)
     swarm: Any = FakeSwarm(model)
-    about = {"algorithm": None, "state_names": ("search", "surge"), "act": lambda *_: None}
+    about = {
+        "algorithm": SimpleNamespace(DECISIONS=()),
+        "state_names": ("search", "surge"),
+        "act": lambda *_: None,
+    }
     teams: list[Any] = [SimpleNamespace(numbers=(n,), **about) for n in range(len(model.robots))]
     sensors: Any = SimpleNamespace(measure=lambda *_: None)
     source = model.gas.sources[0].position

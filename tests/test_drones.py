@@ -115,6 +115,23 @@ def test_casting_in_space_rises_whole_steps(flock):
         assert whole or high < model.lowest + 0.06 or high > model.highest - 0.06, (low, high)
 
 
+def test_segments_of_casts_in_space_alternate(flock):
+    """Segments 0, 2 ... of a cast are horizontal, 1 along the vertical sense and 3 against it; RISE is along it."""
+    short = (f"robots.0.algorithm.{key}=0.05" for key in ("cast_distance", "cast_rise"))
+    sim = flock("robots.0.reach=0", *short)  # casts upwind of the source see no gas
+    names, seen = sim.state_names()[0], set()
+    vertical = {("RISE", 0): 1.0, ("CAST", 1): 1.0, ("CAST", 3): -1.0}
+    while sim.t < 50:
+        sim.advance()
+        now, command = sim.decisions(), sim.swarm.climb_command.to_numpy()
+        for n, number in enumerate(sim.swarm.snapshot()["state"]):
+            state, sense = names[number], -1.0 if now["vertical_sense"][n] < 0 else 1.0
+            case = (state, int(now["cast_segment"][n]) % 4 if state == "CAST" else 0)
+            assert command[n] == pytest.approx(0.5 * sense * vertical.get(case, 0.0)), case
+            seen.add(case)
+    assert {("RISE", 0), *(("CAST", k) for k in range(4))} <= seen
+
+
 def test_sensors_and_scores_of_drones_are_in_space(flock):
     """Scores count from the middle of a body, here straight below the source; sensors are above its feet."""
     sim = flock("robots.0.start.positions=[[0.8, 1.6], [3.4, 1.7]]")

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from taichi_plume.agents.columns import Column
-from taichi_plume.files.run_tables import NAMES, VOCABULARY, GrowingTable, column
+from taichi_plume.files.run_tables import DECISION, NAMES, VOCABULARY, GrowingTable, column
 from taichi_plume.time_loop import Every, TimeLoop
 
 MOST_ROWS = 2_000_000  # of robots.parquet: larger swarms are sampled less often
@@ -48,7 +48,17 @@ class RobotTable(GrowingTable):
         self.name_numbers = np.array([distinct.index(name) for name in listed])
         self.columns = [quantity for quantity in sim.swarm.columns if quantity.table]
         fields = [field for quantity in self.columns for field in _fields(quantity, distinct)]
-        super().__init__(path, [*WHO, *fields], names, count)
+        decided = [
+            column(
+                each.name,
+                pa.float32(),
+                each.unit,
+                f"{each.meaning}; null for other algorithms",
+                **{DECISION: "1"},
+            )
+            for each in sim.decision_columns()
+        ]
+        super().__init__(path, [*WHO, *fields, *decided], names, count)
         group = np.concatenate([np.full(g.count * g.trials, n) for n, g in enumerate(groups)])
         self.first_state = np.cumsum([0, *[len(names) for names in states]])[:-1][group]
         self.values["group"][:] = group
@@ -70,4 +80,6 @@ class RobotTable(GrowingTable):
             else:
                 for name, part in zip(quantity.table, values.reshape(len(values), -1).T, strict=True):
                     self.values[name][n] = part
+        for name, numbers in sim.decisions().items():
+            self.values[name][n] = numbers
         self.took()

@@ -29,6 +29,7 @@ ROW_GROUP = 50_000
 CHECKSUM = b"crc32"  # key of the metadata of each record batch of a stream
 NAMES = pa.dictionary(pa.int32(), pa.string())
 VOCABULARY = "vocabulary"  # key of a column's metadata: all names that may occur, as a JSON list
+DECISION = "decision"  # key of the metadata of a column with a decision quantity of search algorithms
 FAULTS = (pa.ArrowException, OSError, ValueError, LookupError, MemoryError)
 """Errors of reading a damaged table."""
 
@@ -62,6 +63,22 @@ def vocabulary(column: pa.Field) -> list[str]:
     except ValueError:
         return []
     return [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
+
+
+def decisions(schema: pa.Schema) -> list[str]:
+    """Return the names of the columns with decision quantities of search algorithms."""
+    marked = [column for column in schema if DECISION.encode() in (column.metadata or {})]
+    return [column.name for column in marked if column.type == pa.float32()]
+
+
+def title_of(name: str, unit: str) -> str:
+    """Return the title of a plot of a column: name and unit."""
+    return name.replace("_", " ") + ("" if unit == "1" else f" [{unit}]")
+
+
+def schema_in(path: Path) -> pa.Schema:
+    """Return the schema of a run's table. Raises RunFolderError, read errors (FAULTS)."""
+    return next(unverified(path)).schema
 
 
 def stream_of(path: Path) -> Path:

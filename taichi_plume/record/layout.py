@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import rerun.blueprint as rrb
 
+from taichi_plume.files.run_tables import title_of
 from taichi_plume.record import drawing
 from taichi_plume.record.drawing import TIME
 from taichi_plume.record.legends import TICKS, TITLE
@@ -175,7 +176,7 @@ class Layout:
 
     def _left(self) -> tuple[Part, float]:
         """Return the viewer's left column (arena, sections, sensors), and the column's fraction of the width."""
-        plots = _plots(self.names)
+        plots = _plots(self.names, self.sim)
         lx, ly = self.stage.extent[:2]
         if self.flat:
             wide, tall = (0.5 if self.mapped else 0.72), 1.0
@@ -320,17 +321,23 @@ def _name(quantity: Quantity, plane: Plane, n: int) -> str:
     return f"{quantity.heading}, {plane.text}" if n == 0 else plane.text
 
 
-def _tabs(views: list[Part]) -> Part:
+def _tabs(views: Sequence[Part]) -> Part:
     """Return a container with a tab for each view of the viewer; a single view is returned as is."""
     return views[0] if len(views) == 1 else rrb.Tabs(*views, active_tab=0)
 
 
-def _plots(robots: list[str]) -> list[Part]:
+def _plots(robots: list[str], sim: TimeLoop) -> list[Part]:
+    """Return plots of the robots: readings, with decision quantities on tabs behind, and behaviour."""
     if not robots:
         return []
+    legend = len(robots) <= MOST_LANES
+    decided = [
+        _series(f"/decisions/{each.name}", title_of(each.name, each.unit), legend)
+        for each in sim.decision_columns()
+    ]
     lanes = [f"/states/{name}" for name in robots[:MOST_LANES]]
     return [
-        _series("/sensors", "Gas sensors [ppm]", len(robots) <= MOST_LANES),
+        _tabs([_series("/sensors", "Gas sensors [ppm]", legend), *decided]),
         rrb.StateTimelineView(origin="/states", contents=lanes, name="Behaviour"),
     ]
 

@@ -64,6 +64,7 @@ class Recorder:
         """(time, x, y) of each moving obstacle since the last flush."""
         scores = map_scores or MapScores(sim)
         self.own_scores = None if map_scores else scores
+        decisions = [each.name for each in sim.decision_columns()]
         stage = Stage.of(sim)
         seen, shown = planes.planes(scenario, sim.grid.extent), scales.quantities(sim)
         blueprint = layout.Layout(sim, layout.Shown(stage, robots, seen, shown, live is not None)).blueprint()
@@ -81,7 +82,7 @@ class Recorder:
                 )
         self.stream.log_still(legends.legends(sim, stage, seen, shown))
         self.stream.log_still(text_document.about(sim, backend, len(robots), seen, shown))
-        self.tracks = Tracks(self.stream, stage, robots, self.thresholds, self.events)
+        self.tracks = Tracks(self.stream, stage, robots, self.thresholds, self.events, decisions)
         self.pictures = Pictures(self.stream, sim, stage, seen, shown)
         self.arrows = Arrows(self.stream, sim, stage, seen)
         self.maps = MapPictures(self.stream, sim, stage, scores.series)

@@ -16,6 +16,7 @@ from taichi_plume.scenario.robots import Group
 from taichi_plume.time_loop import TimeLoop
 
 MOST_ROBOTS = 50
+DECISIONS = "decisions"  # entity of the decision quantities
 
 Event = tuple[float, str, str, tuple[int, ...]]
 """Time [s], level, text and colour of an event."""
@@ -73,7 +74,8 @@ def recorded_robots(sim: TimeLoop) -> list[Robot]:
 class Tracks:
     """Sampler of robots that sends the samples in batches.
 
-    thresholds: lines in the plot of the readings [ppm]; events: list to which events are added.
+    thresholds: lines in the plot of the readings [ppm]; events: list to which events are added; decisions: names of
+    the decision quantities of the robots' algorithms.
     """
 
     STATE = ("robots", "states")
@@ -85,16 +87,18 @@ class Tracks:
         robots: list[Robot],
         thresholds: Sequence[float],
         events: list[Event],
+        decisions: Sequence[str],
     ):
         self.stream, self.stage = stream, stage
         self.robots, self.thresholds, self.events = robots, thresholds, events
+        self.decisions = decisions
         self.index = np.array([robot.index for robot in robots], int)
         self.found = np.array([len(robot.states) - 1 for robot in robots], int)
         self.states = np.full(len(robots), -1)
         """State of each robot in the last sample."""
         self.samples: list[np.ndarray] = []
-        """Samples not yet sent for all robots, (robots, 9) each: time, x, y, heading, reading, believed x, y and
-        heading, altitude.
+        """Samples not yet sent for all robots, (robots, 9 + decisions) each: time, x, y, heading, reading, believed x,
+        y and heading, altitude, decision quantities.
         """
         self.sent = np.zeros(len(robots), int)
         """Number of these samples that have been sent, per robot."""
@@ -114,6 +118,9 @@ class Tracks:
                 trail = rr.LineStrips3D.from_fields(colors=pale, radii=rr.Radius.ui_points(1.0))
                 yield f"believed_trails/{name}", trail
             yield f"sensors/{name}", rr.SeriesLines(colors=robot.color, names=name, widths=1.6)
+            for decision in self.decisions:
+                line = rr.SeriesLines(colors=robot.color, names=name, widths=1.6)
+                yield f"{DECISIONS}/{decision}/{name}", line
             yield f"states/{name}", scene.lanes(robot.states, colors)
         for threshold in self.thresholds:
             line = rr.SeriesLines(colors=[200, 200, 200], names=f"threshold {threshold:g} ppm", widths=1.0)
@@ -128,6 +135,8 @@ class Tracks:
         names = ("position", "heading", "reading_ppm", "believed_position", "believed_heading")
         altitude = now["altitude"][k] if "altitude" in now else np.zeros(len(k))
         columns = [np.full(len(k), sim.t), *(now[name][k] for name in names), altitude]
+        decided = sim.decisions()
+        columns += [decided[name][k] for name in self.decisions]
         self.samples.append(np.column_stack(columns))
         states = np.where(now["found"][k], self.found, now["state"][k])
         for n in np.flatnonzero(states != self.states):
@@ -194,6 +203,11 @@ class Tracks:
         if robot.reckons:
             self._send_way(robot, "believed", "believed_trails", t, columns[5:8], z)
         self.stream.send(f"sensors/{robot.name}", t, rr.Scalars.columns(scalars=reading))
+        for name, values in zip(self.decisions, columns[9:], strict=True):
+            known = np.isfinite(values)  # NaN: the robot has another algorithm, or nothing to decide by yet
+            if known.any():
+                scalars = rr.Scalars.columns(scalars=values[known])
+                self.stream.send(f"{DECISIONS}/{name}/{robot.name}", t[known], scalars)
         if robot is self.robots[0]:
             for threshold in self.thresholds:
                 level = rr.Scalars.columns(scalars=np.full(len(t), threshold))

@@ -27,6 +27,10 @@ SMELT = (
     "both on a logarithmic scale. Dashed: threshold of the algorithm for gas; green: a source was found. Below, a "
     "lane for each robot: state of its algorithm, by colour.{part}"
 )
+DECISIONS = (
+    "Quantities by which the algorithms decide, of the first robots; a line ends where its robot has none. Their "
+    "meanings are in the metadata of robots.parquet and in the documentation of the algorithms."
+)
 MAPS = (
     "Left: estimate of the map at the end (of several trials the first), from readings alone. Right: the mean of the "
     "true gas since the robots started. Both have the same logarithmic scale; grey is unknown.{part}"

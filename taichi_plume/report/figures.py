@@ -10,6 +10,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from taichi_plume.files.run_tables import title_of
 from taichi_plume.record.drawing import Scale, decades, logarithmic
 from taichi_plume.record.recording_reader import Picture
 from taichi_plume.report import captions, plume, scene, theme
@@ -20,9 +21,11 @@ WIDE = 7.2  # inches
 DPI = 100
 MOST_SERIES = 4  # largest number of robots whose readings are shown
 MOST_LANES = 12  # robots whose behaviour is shown
+MOST_DECISIONS = 12  # decision quantities that are shown
 MOST_POINTS = 1200  # points of a line: more than a page can show
 MOST_STATES = 6  # entries side by side in the legend
 PLOT, LANE, GAP = 1.1, 0.19, 0.2  # inches: a robot's readings, its behaviour, between them
+DECIDED = 0.75  # inches: a decision quantity
 
 
 def mean_plume(run: Run, picture: Picture, tracks: Sequence[Track]) -> bytes:
@@ -96,6 +99,43 @@ def smelt(run: Run, tracks: Sequence[Track]) -> bytes:
             style = {"color": theme.SOURCE, "linestyle": "--", "linewidth": 0.9}
             handles.append(Line2D([], [], label="threshold", **style))
         figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.11, 1), ncols=3, borderaxespad=0.2)
+        return theme.png(figure)
+
+
+def decisions(tracks: Sequence[Track]) -> bytes | None:
+    """Draw the decision quantities of the first robots over time, a row for each; None if no robot has any."""
+    shown = tracks[:MOST_SERIES]
+    names = [
+        name for name in (shown[0].decisions if shown else ())
+        if any(np.isfinite(track.values[name]).any() for track in shown)
+    ][:MOST_DECISIONS]  # fmt: skip
+    if not names:
+        return None
+    whole = len(names) * DECIDED + 0.7
+    with theme.styled():
+        figure = theme.figure(WIDE, whole, DPI)
+        for n, name in enumerate(names):
+            below = (0.5 + (len(names) - 1 - n) * DECIDED) / whole
+            axes = figure.add_axes((0.12, below, 0.86, (DECIDED - 0.28) / whole))
+            theme.plain(axes)
+            for track in shown:
+                t, values = thinned(track.t, track.values[name])
+                color = theme.robot(track.number)
+                axes.plot(t, values, color=color, linewidth=1.2, drawstyle="steps-post")
+            axes.set_xlim(min(track.t[0] for track in shown), max(max(track.t[-1] for track in shown), 1e-3))
+            label = theme.short(title_of(name, shown[0].decisions[name]), 60)
+            theme.verbatim([axes.set_title(label, fontsize=8, loc="left", pad=2)])
+            if n < len(names) - 1:
+                axes.tick_params(labelbottom=False)
+            else:
+                axes.set_xlabel("time [s]")
+        handles = [
+            Line2D([], [], color=theme.robot(track.number), label=theme.short(track.name)) for track in shown
+        ]
+        legend = figure.legend(
+            handles=handles, loc="upper left", bbox_to_anchor=(0.11, 1), ncols=MOST_SERIES, borderaxespad=0.2
+        )
+        theme.verbatim(legend.get_texts())
         return theme.png(figure)
 
 

@@ -189,6 +189,9 @@ class Parts:
                 part = f" The readings are of the first {some} robots, the lanes of the first {lanes}."
             png = figures.smelt(self.run, self.tracks)
             section.image(png, "Readings and behaviour over time", captions.SMELT.format(part=part))
+            decided = figures.decisions(self.tracks)
+            if decided:
+                section.image(decided, "Decision quantities over time", captions.DECISIONS)
         return section
 
     def maps(self) -> Section:

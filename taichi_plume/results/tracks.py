@@ -8,7 +8,15 @@ import numpy as np
 import pyarrow as pa
 
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.files.run_tables import FAULTS, stream_of, unverified, vocabulary
+from taichi_plume.files.run_tables import (
+    FAULTS,
+    decisions,
+    schema_in,
+    stream_of,
+    units,
+    unverified,
+    vocabulary,
+)
 from taichi_plume.files.tables import plain
 
 if TYPE_CHECKING:
@@ -32,6 +40,8 @@ class Track(NamedTuple):
     states: list[str]
     state: np.ndarray
     """Index in `states` over time."""
+    decisions: dict[str, str]
+    """Unit of each decision quantity of the run's algorithms by its column, whose numbers are in `values`."""
 
     @property
     def found_at(self) -> int | None:
@@ -82,20 +92,25 @@ def _track(rows: pa.Table, name: str, number: int, group: "Group") -> Track:
     values = {key: rows[key].to_numpy() for key in COLUMNS}
     for key, none in MORE.items():
         values[key] = rows[key].to_numpy() if key in rows.column_names else np.full(len(rows), none)
+    unit = units(rows.schema)
+    decided = {key: unit[key] for key in decisions(rows.schema)}
+    values |= {key: rows[key].to_numpy() for key in decided}
     state = rows["state"].combine_chunks().cast(pa.string()).dictionary_encode()
     state = state.combine_chunks() if isinstance(state, pa.ChunkedArray) else state
     occurring = state.dictionary.to_pylist()
     states = list(dict.fromkeys([*vocabulary(rows.schema.field("state")), *occurring]))
     number_of = np.array([states.index(each) for each in occurring], int)
     indices = number_of[state.indices.to_numpy(zero_copy_only=False)]
-    return Track(name, number, group, rows["t"].to_numpy(), values, states, indices)
+    return Track(name, number, group, rows["t"].to_numpy(), values, states, indices, decided)
 
 
 def _table(path: Path, first: dict[str, int], share: int) -> pa.Table | None:
     """Return table rows of the first `share` robots per group; first: trial of each group. None without a table."""
     if not path.exists() and not stream_of(path).exists():
         return None
-    batches = unverified(path, ["t", "group", "trial", "robot", "state", *COLUMNS], list(MORE))
+    batches = unverified(
+        path, ["t", "group", "trial", "robot", "state", *COLUMNS], [*MORE, *decisions(schema_in(path))]
+    )
     return pa.concat_tables(_firsts(pa.Table.from_batches([batch]), first, share) for batch in batches)
 
 

@@ -166,7 +166,7 @@ def test_a_state_has_one_color_in_report_and_recording(tmp_path, drawn):
     logged: dict[str, Any] = {}
     stream: Any = SimpleNamespace(log_still=logged.update)
     stage: Any = SimpleNamespace(length=4.0, lift=0.01)
-    Tracks(stream, stage, recorded_robots(sim), (), [])
+    Tracks(stream, stage, recorded_robots(sim), (), [], ())
     for k, each in enumerate(names):
         lane = logged[f"states/team{k}"]
         packed = lane.colors.as_arrow_array().to_pylist()
