@@ -12,7 +12,15 @@ ROOT = Path(__file__).resolve().parents[1]
 SCHEMA = Scenario.model_json_schema()
 DEFINITIONS = SCHEMA["$defs"]
 MODELS = {
-    "air.md": ("CfdWind", "SyntheticWind", "UniformWind", "FrozenWind", "PlaybackWind", "ImportedWind"),
+    "air.md": (
+        "CfdWind",
+        "SyntheticWind",
+        "UniformWind",
+        "FrozenWind",
+        "PlaybackWind",
+        "ImportedWind",
+        "OwnWind",
+    ),
     "gas.md": (
         "EulerianGas",
         "PuffGas",
@@ -20,6 +28,7 @@ MODELS = {
         "MeanderingGas",
         "GaussianPuffGas",
         "ContinuousGas",
+        "OwnGas",
     ),
     "sensors.md": ("MoxSensor", "PidSensor", "TdlasSensor", "IdealGasSensor", "Anemometer"),
 }

@@ -25,7 +25,7 @@ from taichi_plume.assembly.solver_table import Context, make_gas, make_wind
 from taichi_plume.engine import program
 from taichi_plume.files.gaden import Cubes
 from taichi_plume.files.network import Network, NetworkError
-from taichi_plume.files.own_class import CLASSES, NO_CLASS
+from taichi_plume.files.own_class import NO_CLASS
 from taichi_plume.files.trajectories import Way
 from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.grid.blas import one_blas_thread
@@ -239,18 +239,16 @@ def _drivers(
     faults: list[str] = []
     for n, group in enumerate(scenario.robots):
         path, kind = f"robots[{n}].algorithm", group.algorithm.kind
-        if path in resources.own:
-            own[group.name] = resources.own[path]
-        elif (
-            isinstance(group.algorithm, Own) and not group.algorithm.file and group.algorithm.name in CLASSES
-        ):
-            own[group.name] = CLASSES[group.algorithm.name]
+        if isinstance(group.algorithm, Own):
+            code = resources.code_of(path, group.algorithm)
+            if isinstance(code, type):
+                own[group.name] = code
+            else:
+                faults.append(f"{path}: {NO_CLASS}")
         if path in resources.networks:
             networks[group.name] = resources.networks[path]
         if path in resources.ways:
             recorded[group.name] = resources.ways[path]
-        if kind == "own" and group.name not in own:
-            faults.append(f"{path}: {NO_CLASS}")
         if kind == "policy" and group.name not in networks:
             what = "none is given, the policy is still to be learnt; learn it in an environment of taichi_plume.envs"
             faults.append(f"{path}.file: {what}")

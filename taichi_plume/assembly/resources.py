@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from taichi_plume.files.network import Network
-from taichi_plume.files.own_class import OwnAlgorithmError, OwnFile, Permission
+from taichi_plume.files.own_class import CLASSES, Code, LawFile, OwnAlgorithmError, OwnFile, Permission
 from taichi_plume.files.point_frames import PointFileError, PointFrames, frames_of
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario.algorithms import Own
@@ -18,6 +18,7 @@ from taichi_plume.scenario.external import Replay
 from taichi_plume.scenario.gases import PlaybackGas, PureGas
 from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.initial_conditions import InitialGas, InitialWind
+from taichi_plume.scenario.own_code import OwnCode, OwnGas, OwnLaw, OwnWind
 from taichi_plume.scenario.playback import MovieGas, Playback, PlaybackWind, PlumeSimLog, PlumeSimWind
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas
 from taichi_plume.scenario.policy import Policy
@@ -42,9 +43,9 @@ class Resources:
 
     faults: errors of files, by the paths of the keys that name them. files: paths that were opened for each section,
     also by other files, and for `gaden`. shapes: of the obstacles, in their order. site: files of an imported wind.
-    code: files of own algorithms; own: their classes, once executed. networks: of policies. ways: paths of
-    recorded robots. gases: played-back gases, completed by their films. warnings: results of the checks. sections: all
-    that were opened. folder, allow_outside, named, allow_code: permissions, see `preparation.again`.
+    code: files of own algorithms and laws; own: their classes and functions, once executed. networks: of policies.
+    ways: paths of recorded robots. gases: played-back gases, completed by their films. warnings: results of the checks.
+    sections: all that were opened. folder, allow_outside, named, allow_code: permissions, see `preparation.again`.
     """
 
     scenario: Scenario
@@ -61,7 +62,7 @@ class Resources:
     movies: "dict[str, Movie]" = field(default_factory=dict)
     site: "Site | None" = None
     code: dict[str, OwnFile] = field(default_factory=dict)
-    own: dict[str, type] = field(default_factory=dict)
+    own: dict[str, Code] = field(default_factory=dict)
     networks: dict[str, Network] = field(default_factory=dict)
     ways: "dict[str, list[Way]]" = field(default_factory=dict)
     gases: dict[str, PureGas] = field(default_factory=dict)
@@ -83,6 +84,12 @@ class Resources:
         if isinstance(section, ImportedWind):
             self.site = other.site
         return True
+
+    def code_of(self, path: str, section: OwnCode) -> Code | None:
+        """Return the class or function of the section at `path`, executed or given by Python code; None if missing."""
+        given = None if section.file else CLASSES.get(section.name or "")
+        code = self.own.get(path, given)
+        return code if isinstance(code, type) != isinstance(section, OwnLaw) else None
 
     @property
     def obstacles(self) -> list[Shape]:
@@ -226,6 +233,13 @@ def _own(resources: Resources, path: str, model: Own, folder: Path) -> None:
             resources.code[path] = OwnFile.read(folder / model.file, model.name)
 
 
+def _law(resources: Resources, path: str, model: OwnLaw, folder: Path) -> None:
+    """Read the Python file of a user's law; without a file the function is passed to `assemble`."""
+    if model.file:
+        with _reported(resources, f"{path}.file", OwnAlgorithmError):
+            resources.code[path] = LawFile.read(folder / model.file, model.name or model.function)
+
+
 def _network(resources: Resources, path: str, model: Policy, folder: Path) -> None:
     """Read the neural network of a policy; without a file the policy is not trained yet and nothing is read."""
     if model.file:
@@ -252,6 +266,8 @@ OPENERS: dict[type[Model], Callable[[Resources, str, Any, Path], PureGas | None]
     InitialWind: _moment,
     InitialGas: _moment,
     Own: _own,
+    OwnGas: _law,
+    OwnWind: _law,
     Policy: _network,
     Replay: _ways,
 }

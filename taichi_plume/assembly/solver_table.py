@@ -10,10 +10,12 @@ from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 from taichi_plume.assembly.resources import Resources
+from taichi_plume.files.own_class import NO_CLASS
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Gas, Wind
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.own_code import OwnLaw
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.sources import OneGas
 from taichi_plume.scenario.vocabulary import Model
@@ -56,6 +58,7 @@ WINDS: dict[str, str] = {
     "playback": "playback.PlayedWind",
     "imported": "imported_flow.ImportedFlow",
     "plumesim_log": "plumesim.PointWind",
+    "own": "own_laws.OwnFlow",
 }
 GASES: dict[str, str] = {
     "eulerian": "gas.EulerianSolver",
@@ -70,6 +73,7 @@ GASES: dict[str, str] = {
     "fluent": "plumesim.PointGas",
     "playback": "playback.PlayedGas",
     "movie": "playback.PlayedGas",
+    "own": "own_laws.OwnGasField",
 }
 """Modules and classes of the solvers, by kind. `_make` passes the arguments that the constructor names."""
 
@@ -101,6 +105,10 @@ def _make(kinds: dict[str, str], model: Model, path: str, ctx: Context, **parts:
         "extent": ctx.grid.extent, "name": path, "seed": ctx.scenario.seed_of_air, "t": ctx.start,
         "frames": ctx.resources.frames.get(path), "openings": ctx.scenario.openings, "scalar": ctx.scalars.get(path),
     }  # fmt: skip
+    if isinstance(model, OwnLaw):
+        parts["law"] = ctx.resources.code_of(path, model)
+        if parts["law"] is None:
+            raise ScenarioError([f"{path}: {NO_CLASS}"])
     solver = _solver(kinds[vars(model)["kind"]])
     _, *names = signature(solver).parameters
     return solver(model, **{name: parts[name] for name in names})

@@ -1,4 +1,6 @@
-"""Loader of a user-written robot algorithm, a class in a Python file: found by parsing, executed only on request."""
+"""Loader of user-written code in a Python file, found by parsing, executed only on request: the class of a search
+algorithm, the function of a law of gas or wind.
+"""
 
 import ast
 import dis
@@ -6,7 +8,7 @@ import hashlib
 import inspect
 import sys
 import traceback
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -33,20 +35,24 @@ class Acts(Protocol):
 
 Permission = bool | Collection[str]
 """Permission to execute Python files: all or none, or only those with one of these SHA-256."""
-CLASSES: dict[str, type] = {}
-"""Classes of users' algorithms that Python code has passed, by name."""
-NO_CLASS = "no class was given; name a Python file with file: FILE.py (from Python: taichi_plume.Own)"
-"""Error of a section that names no file, and no class of `CLASSES`."""
+Code = type | Callable[..., Any]
+"""Class of a user's algorithm, or function of a user's law."""
+CLASSES: dict[str, Code] = {}
+"""Classes of users' algorithms and functions of users' laws that Python code has passed, by name."""
+NO_CLASS = (
+    "no class or function was given; name a Python file with file: FILE.py (from Python: taichi_plume.Own)"
+)
+"""Error of a section that names no file, and nothing of `CLASSES` that fits."""
 
 
-def register(algorithm: type) -> str:
-    """Put a class into `CLASSES` and return its name there: of two classes of one name, the second is NAME_2."""
+def register(algorithm: Code) -> str:
+    """Put code into `CLASSES` and return its name there: of two classes of one name, the second is NAME_2."""
     names = (f"{algorithm.__name__}_{n}" if n > 1 else algorithm.__name__ for n in count(1))
     return next(name for name in names if CLASSES.setdefault(name, algorithm) is algorithm)
 
 
-def file_of(algorithm: type) -> Path:
-    """Return the file of a class or, if it was typed into an interpreter or a notebook, the name of that input."""
+def file_of(algorithm: Code) -> Path:
+    """Return the file of a class or function or, if typed into an interpreter or notebook, the name of that input."""
     code = getattr(inspect.unwrap(vars(algorithm).get("act", algorithm)), "__code__", None)
     if code is not None:
         return Path(code.co_filename)
@@ -90,27 +96,39 @@ class OwnFile:
         return allow if isinstance(allow, bool) else self.digest in allow
 
     def _look(self) -> None:
-        """Raise OwnAlgorithmError if the parsed file certainly lacks the class; a base class may still define `act`."""
+        """Raise OwnAlgorithmError if the parsed file certainly lacks the code; a base class may still define `act`."""
         try:
             tree = ast.parse(self.source, str(self.path))
         except UNPARSED as error:
             line, what = (error.lineno, error.msg) if isinstance(error, SyntaxError) else (None, str(error))
             where = f"{self.path}, line {line}" if line else f"{self.path}"
             raise OwnAlgorithmError(f"{where}: {visible(what or 'is nested too deeply')}") from None
-        classes = {node.name: node for node in _at_top(tree) if isinstance(node, ast.ClassDef)}
+        self._require(list(_at_top(tree)))
+
+    def _require(self, statements: list[ast.AST]) -> None:
+        """Raise OwnAlgorithmError if the statements at the top of the file certainly lack the class."""
+        classes = {node.name: node for node in statements if isinstance(node, ast.ClassDef)}
         sure = [name for name, node in classes.items() if _acts(node)]
         maybe = [name for name, node in classes.items() if node.bases or node.decorator_list or name in sure]
         wrong = not maybe or len(sure) > 1 if self.name is None else self.name not in maybe
         if wrong:
             raise self._without(sure)
 
-    def execute(self) -> type:
+    def execute(self) -> Code:
         """Execute the user's file, with all rights of the user, and return the algorithm's class."""
+        return self._chosen(self._executed())
+
+    def _executed(self) -> ModuleType:
+        """Return the module that the user's file makes, executed with all rights of the user."""
         module = ModuleType(f"own_algorithm_{self.path.stem}_{self.digest[:8]}")
         module.__file__ = str(self.path)
         sys.modules[module.__name__] = module  # for `inspect` and `dataclass`
         with failures_named(self.path):
             exec(compile(self.source, str(self.path), "exec", dont_inherit=True), module.__dict__)
+        return module
+
+    def _chosen(self, module: ModuleType) -> Code:
+        """Return the class of the algorithm in the executed file."""
         own = {
             key: value
             for key, value in vars(module).items()
@@ -126,6 +144,35 @@ class OwnFile:
         missing = f"no class '{visible(self.name, 100)}'" if self.name else "not exactly one class"
         names = visible(", ".join(there) or "none", 400)
         return OwnAlgorithmError(f"{self.path}: holds {missing} with a method act; there are: {names}")
+
+
+class LawFile(OwnFile):
+    """Python file with a user-written law of gas or wind: the function called `name`."""
+
+    def _require(self, statements: list[ast.AST]) -> None:
+        named = [node for node in statements if isinstance(node, ast.FunctionDef | ast.ClassDef)]
+        targets = [t for node in statements if isinstance(node, ast.Assign) for t in node.targets]
+        imports = [
+            alias.asname or alias.name
+            for node in statements
+            if isinstance(node, ast.Import | ast.ImportFrom)
+            for alias in node.names
+        ]
+        names = [node.name for node in named] + [t.id for t in targets if isinstance(t, ast.Name)] + imports
+        if self.name not in names and "*" not in names:
+            raise self._without([node.name for node in named if isinstance(node, ast.FunctionDef)])
+
+    def _chosen(self, module: ModuleType) -> Code:
+        law = vars(module).get(self.name or "")
+        if isinstance(law, type) or not callable(law):
+            raise self._without([key for key, value in vars(module).items() if inspect.isfunction(value)])
+        return law
+
+    def _without(self, there: list[str]) -> OwnAlgorithmError:
+        names = visible(", ".join(there) or "none", 400)
+        return OwnAlgorithmError(
+            f"{self.path}: holds no function '{visible(self.name or '', 100)}'; there are: {names}"
+        )
 
 
 def _at_top(node: ast.AST) -> Iterator[ast.AST]:

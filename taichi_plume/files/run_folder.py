@@ -20,9 +20,10 @@ from taichi_plume.files import disk
 from taichi_plume.files.own_folder import LOCK, FolderLock, link_in
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import open_regular, read_regular
-from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.changes import changed
+from taichi_plume.scenario.checks import every
 from taichi_plume.scenario.input_files import input_files, outside
+from taichi_plume.scenario.own_code import OwnCode
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Model
 
@@ -308,7 +309,7 @@ def _write_nulls(part: object, data: Any) -> None:
 def _again(folder: Path, scenario: Scenario, source: Path) -> str:
     """Return the shell command that repeats the scenario of a run folder."""
     options = []
-    if any(isinstance(group.algorithm, Own) and group.algorithm.file for group in scenario.robots):
+    if any(isinstance(section, OwnCode) and section.file for _, section in every(scenario)):
         options.append(OPTIONS[0])
     if any(outside(folder, str(source.resolve() / name)) for _, name in input_files(scenario)):
         options.append(OPTIONS[1])

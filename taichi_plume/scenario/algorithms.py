@@ -1,19 +1,18 @@
 """The search algorithms that robots of a scenario may use, and their parameters."""
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.belief_algorithms import HitMap, Infotaxis, ParticleFilter, SpaceAwareInfotaxis
-from taichi_plume.scenario.changes import ValueLineError, yaml_value
 from taichi_plume.scenario.external import External, Replay
+from taichi_plume.scenario.own_code import OwnCode
 from taichi_plume.scenario.plume_tracking import Casting, Casting3D, SurgeCast, SurgeSpiral
 from taichi_plume.scenario.policy import Policy
-from taichi_plume.scenario.quantities import fault, number
+from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm, EColi, Spiral
 from taichi_plume.scenario.team_algorithms import Dapso, LeastKnown, LineUp, Sweep
-from taichi_plume.scenario.vocabulary import INPUT_FILE
 
 
 class RandomWalk(AnyAlgorithm):
@@ -30,31 +29,14 @@ class RandomWalk(AnyAlgorithm):
     """Largest turn between segments; after a bump it is 180°."""
 
 
-LEVELS = 4  # of nesting above the parameters in a file: robots, a group, algorithm, parameters
+class Own(AnyAlgorithm, OwnCode):
+    """An algorithm of the user's own: a class in a Python file, in NumPy. See agents/own_algorithm.py.
 
-
-def _writable(value: object) -> object:
-    """Return parameters of a user's algorithm, which scenario.yaml keeps as they are. Raises PydanticCustomError."""
-    if not isinstance(value, dict):
-        return value
-    try:
-        return yaml_value(value, exact=True, above=LEVELS)
-    except ValueLineError as error:
-        raise fault("{what}", {"what": error.what, "below": error.steps}) from None
-
-
-class Own(AnyAlgorithm):
-    """An algorithm of the user's own: a class in a Python file, in NumPy. See agents/own_algorithm.py."""
+    Unless `name` gives another, the class is the only one in the file that has an `act`.
+    """
 
     may_declare: ClassVar[bool] = True  # unknown: the class decides
     kind: Literal["own"]
-    file: Annotated[str, INPUT_FILE] = ""
-    """Path of the Python file, relative to the scenario's folder. Empty if Python code passes the class."""
-    name: str | None = None
-    """Name of the class; unless given, the only one in the file that has an `act`."""
-    parameters: Annotated[dict[str, Any], BeforeValidator(_writable)] = Field(default_factory=dict)
-    """Keyword arguments of the class, by their names. A value is a text, a finite number, true, false, null, a list,
-    or a mapping whose keys are texts; nothing is converted, so that a repeated run has equal values."""
 
 
 Algorithm = Annotated[

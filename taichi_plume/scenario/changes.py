@@ -122,9 +122,8 @@ def _below(value: Data, key: str, steps: Steps, exact: bool, above: int) -> Any:
 
 
 def _is_parameter(steps: Steps) -> bool:
-    """Return whether a path of keys leads to the parameters of a user's algorithm, or below."""
-    keys = steps_of(path_of(steps))
-    return any(key == "parameters" and (n == 0 or keys[n - 1] == "algorithm") for n, key in enumerate(keys))
+    """Return whether a path of keys leads to the parameters of a user's algorithm or law, or below."""
+    return "parameters" in steps_of(path_of(steps))
 
 
 def changed(data: Mapping[str, Any], changes: Mapping[str, object]) -> Data:

@@ -14,6 +14,7 @@ from taichi_plume.scenario.heat import Buoyancy
 from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.initial_conditions import InitialWind
 from taichi_plume.scenario.openings import Opening
+from taichi_plume.scenario.own_code import OwnWind
 from taichi_plume.scenario.playback import PlaybackWind, PlumeSimWind
 from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.screens import AnyScreen
@@ -350,6 +351,6 @@ class SyntheticWind(AnyWind):
 
 
 Wind = Annotated[
-    CfdWind | UniformWind | FrozenWind | PlaybackWind | ImportedWind | SyntheticWind | PlumeSimWind,
+    CfdWind | UniformWind | FrozenWind | PlaybackWind | ImportedWind | SyntheticWind | PlumeSimWind | OwnWind,
     Field(discriminator="kind"),
 ]

@@ -18,9 +18,10 @@ from types import CodeType, FunctionType
 from typing import Any, NamedTuple, TypeVar
 
 from taichi_plume.assembly.preparation import Prepared
-from taichi_plume.files.own_class import CLASSES, NO_CLASS, OwnAlgorithmError, file_of
-from taichi_plume.scenario.algorithms import Own
+from taichi_plume.files.own_class import CLASSES, NO_CLASS, Code, OwnAlgorithmError, file_of
+from taichi_plume.scenario.checks import every
 from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.own_code import OwnCode
 from taichi_plume.scenario.scenario import Scenario
 
 CLASS_ID = re.compile(r"[0-9a-f]{32}")  # random number that cloudpickle gives to a class
@@ -41,7 +42,7 @@ class PickledClass(NamedTuple):
     content: bytes
     python: str | None
 
-    def load(self) -> type:
+    def load(self) -> Code:
         """Return the class, in a worker process. Raises OwnAlgorithmError."""
         if self.python != PYTHON:
             what = f"the worker runs {PYTHON}, the study was started by {self.python}; use the same Python for both"
@@ -65,7 +66,7 @@ class GivenClass(NamedTuple):
     text: str
 
     @classmethod
-    def of(cls, algorithm: type) -> "GivenClass":
+    def of(cls, algorithm: Code) -> "GivenClass":
         """Pickle a class. Raises OwnAlgorithmError if this is impossible."""
         name, walk = algorithm.__name__, _Walk()
         try:
@@ -117,10 +118,10 @@ class GivenClasses:
 
 
 def given(scenario: Scenario) -> Iterator[tuple[str, str]]:
-    """Yield path and name of each algorithm of a scenario that is a class given by Python code, without a file."""
-    for n, group in enumerate(scenario.robots):
-        if isinstance(group.algorithm, Own) and not group.algorithm.file:
-            yield f"robots[{n}].algorithm", group.algorithm.name or ""
+    """Yield path and name of each algorithm or law of a scenario that Python code gave, without a file."""
+    for path, section in every(scenario):
+        if isinstance(section, OwnCode) and not section.file:
+            yield path, section.name or ""
 
 
 def load_given(prepared: Prepared, classes: Mapping[str, PickledClass]) -> None:
@@ -137,7 +138,7 @@ def labels(sections: Sequence[object]) -> list[str]:
 
     Of two classes of one name, the second is NAME_2, in the order of `sections`.
     """
-    seen: dict[str, list[type]] = {}
+    seen: dict[str, list[Code]] = {}
     made = []
     for section in sections:
         algorithm = CLASSES.get(str(section.get("name"))) if is_given(section) else None
@@ -175,7 +176,7 @@ def _by_value(module: str) -> Iterator[None]:
             cloudpickle.unregister_pickle_by_value(sys.modules[module])
 
 
-def _pickled(algorithm: type) -> bytes:
+def _pickled(algorithm: Code) -> bytes:
     """Return a class as bytes of cloudpickle, whose code keeps the names of files for messages about errors."""
     import cloudpickle
 

@@ -114,7 +114,7 @@ def test_a_file_without_an_algorithm(path, wrong, file, reported):
 
 def test_without_a_file_a_class_has_to_be_handed_over(path):
     scenario = load_scenario(path, ["robots.0.algorithm={kind: own}"])
-    with pytest.raises(ScenarioError, match=r"robots\[0\]\.algorithm: no class was given"):
+    with pytest.raises(ScenarioError, match=r"robots\[0\]\.algorithm: no class or function was given"):
         assemble(scenario, path.parent)
 
 

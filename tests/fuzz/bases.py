@@ -24,6 +24,13 @@ class Upwind:
         robots.speed[:] = self.wanted
         robots.state[:] = robots.wind_known
 """
+LAWS = """def concentration(points, t):
+    return 5.0 + points[:, 0]
+
+
+def velocity(points, t, speed=0.4):
+    return [speed] + [0.0] * (points.shape[1] - 1)
+"""
 OCCUPANCY = """#env_min(m) -5 2 0.5
 #env_max(m) -3.4 3.2 0.9
 #num_cells 8 6 2
@@ -40,6 +47,12 @@ property list uchar int vertex_indices
 end_header
 """
 SCENARIOS = {
+    "own_laws": """
+duration: 3
+domain: {size: [4, 2], spacing: 0.1}
+wind: {kind: own, file: laws.py, parameters: {speed: 0.3}}
+gas: {kind: own, file: laws.py, sources: [{position: [0.2, 1]}]}
+""",
     "replay": """
 duration: 3
 domain: {size: [4, 2], spacing: 0.1, depth: 0.5}
@@ -226,6 +239,7 @@ def make(folder: Path, warm_up: float | None = None) -> dict[str, Path]:
     for name, text in SCENARIOS.items():
         (folder / f"{name}.yaml").write_text(text)
     (folder / "upwind.py").write_text(OWN)
+    (folder / "laws.py").write_text(LAWS)
     _write_wind(folder)
     _write_boxes(folder)
     _write_bags(folder)

@@ -240,7 +240,7 @@ def test_what_is_no_algorithm_is_refused(tmp_path):
     for given, part in (
         (tp.Own(taken), "casting; rename the class"),
         ({"kind": "casting"}, "taichi_plume.Own"),
-        ({"kind": "own", "name": "Nobody"}, "no class was given"),
+        ({"kind": "own", "name": "Nobody"}, "no class or function was given"),
     ):
         with pytest.raises(tp.ScenarioError, match=part):
             entrants([given], [])
