@@ -38,6 +38,8 @@ PICTURES: dict[str, dict[str, tuple[str, ...]]] = {
     "drone_search": {"drone_search.gif": ("--view", "section")},
     "fan_array": {"fan_array.gif": ("--begin", "5", "--end", "55")},
     "gaussian": {"gaussian.png": ("--at", "75", "--view", "column")},
+    "plumesim_gaussian": {"plumesim_gaussian.png": ("--at", "21")},
+    "plumesim_meandering": {"plumesim_meandering.png": ("--at", "21")},
     "meandering": {"meandering.gif": ("--begin", "30", "--end", "60")},
     "whiffs": {"whiffs.gif": ("--begin", "100", "--end", "124")},
     "puffs_arena": {"puffs_arena.gif": ("--end", "20")},
