@@ -182,7 +182,8 @@ def cooperation(run, seconds):
     for tick in range(round(seconds / TICK)):
         run.step()
         if tick % 5 == 4:
-            differs |= (run.algorithm.goal.values != run.algorithm.best_place.values).any(axis=1)
+            goal = run.algorithm.goal.values  # NaN before the first measurement
+            differs |= (np.isfinite(goal) & (goal != run.algorithm.best_place.values)).any(axis=1)
     return differs
 
 
