@@ -40,11 +40,10 @@ class PlumeTracker(KernelAlgorithm):
     """
 
     STATE: tuple[str, ...] = (
-        *("wind", "upwind", "side", "step_sign", "peak", "trough", "mark", "stuck", "needed", "detects"),
+        *("wind", "upwind", "side", "step_sign", "peak", "trough", "needed", "mark", "stuck"),
     )
     DECISIONS: tuple[Decision, ...] = (
         Decision("needed_ppm", "ppm", "reading needed to enter the plume or, in it, to stay", "needed"),
-        Decision("detects", "1", "1: the reading reached what was needed, 0: not"),
         Decision("upwind_x", "1", "estimated unit vector upwind", "upwind", 0),
         Decision("upwind_y", "1", "estimated unit vector upwind", "upwind", 1),
         Decision("cast_side", "1", "side of crosswind motion: 1 left of upwind, -1 right", "side"),
@@ -58,12 +57,9 @@ class PlumeTracker(KernelAlgorithm):
         self.step_sign = ti.field(ti.f32, n)  # +1: find upwind, -1: downwind
         self.peak = ti.field(ti.f32, n)  # largest reading since entering the plume [ppm]
         self.trough = ti.field(ti.f32, n)  # smallest reading since losing the plume [ppm]
+        self.needed = ti.filled(np.full(n, np.nan), ti.f32)  # reading that was needed in the last test [ppm]
         self.mark = ti.field(ti.f32, n)  # odometer at the start of the state, or at the last gas [m]
         self.stuck = ti.field(ti.f32, n)  # time blocked in a row [s]
-        self.needed = ti.filled(
-            np.full(n, np.nan), ti.f32
-        )  # reading that is compared with the last one [ppm]
-        self.detects = ti.filled(np.full(n, np.nan), ti.f32)  # whether the last reading was as high
         self.bump = ti.field(ti.i32, n)  # whether an obstacle is ahead on the robot's course
 
     def numbers(self, group: GroupRange, model: PlumeTracking) -> Numbers:
@@ -146,9 +142,9 @@ class PlumeTracker(KernelAlgorithm):
         c = self.swarm.reading[self.robot[n]]
         self.peak[n] = ti.max(self.peak[n], c)
         self.trough[n] = c
-        smells = self._is_strong(n)
-        self.needed[n] = ti.max(self.p.leave[n], self.p.peak_fraction[n] * self.peak[n])
-        self.detects[n] = ti.cast(smells, ti.f32)
+        needed = self._needed_to_stay(n)
+        self.needed[n] = needed
+        smells = c >= needed
         if smells:
             self.mark[n] = self.swarm.odometer[self.robot[n]]
         return smells
@@ -156,17 +152,22 @@ class PlumeTracker(KernelAlgorithm):
     @ti.func
     def _is_strong(self, n):
         """Return whether robot n's reading is high enough, relative to threshold and peak, to be in the plume."""
-        c = self.swarm.reading[self.robot[n]]
-        return c >= self.p.leave[n] and c >= self.p.peak_fraction[n] * self.peak[n]
+        return self.swarm.reading[self.robot[n]] >= self._needed_to_stay(n)
+
+    @ti.func
+    def _needed_to_stay(self, n):
+        """Return the smallest reading [ppm] with which robot n is still in the plume."""
+        return ti.max(self.p.leave[n], self.p.peak_fraction[n] * self.peak[n])
 
     @ti.func
     def _comes_upon_plume(self, n):
         """Return whether robot n, which was out of the plume, has entered the plume by its reading."""
         c = self.swarm.reading[self.robot[n]]
         self.trough[n] = ti.min(self.trough[n], c)
-        enters = c >= self.p.threshold[n] and (self.p.peak_fraction[n] == 0.0 or c >= RISE * self.trough[n])
-        rise = ti.select(self.p.peak_fraction[n] == 0.0, 0.0, RISE * self.trough[n])
-        self.needed[n], self.detects[n] = ti.max(self.p.threshold[n], rise), ti.cast(enters, ti.f32)
+        rise = ti.select(self.p.peak_fraction[n] > 0.0, RISE * self.trough[n], 0.0)
+        needed = ti.max(self.p.threshold[n], rise)
+        self.needed[n] = needed
+        enters = c >= needed
         if enters:
             self.peak[n] = c
             self.step_sign[n] = 1.0
