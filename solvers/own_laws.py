@@ -24,15 +24,14 @@ from taichi_plume.grid.fields import Carrier, GridGas
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.own_code import OwnGas, OwnLaw, OwnWind
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.species import AIR_VISCOSITY
 from taichi_plume.solvers.imported_flow import Projection
-
-AIR_VISCOSITY = 1.56e-5  # m²/s, at 25 °C
 
 
 class Law:
     """User's function with the parameters of its section. Raises OwnAlgorithmError if the function fails.
 
-    shape: of the result of a call for no points: () for a scalar, (dim,) for a vector.
+    shape: of the value at a point: () for concentrations, (dim,) for velocities.
     """
 
     def __init__(self, section: OwnLaw, function: Callable[..., Any], shape: tuple[int, ...] = ()):

@@ -63,7 +63,7 @@ def file_of(algorithm: Code) -> Path:
 
 
 class OwnAlgorithmError(RuntimeError):
-    """Error: the user's algorithm failed or cannot be loaded; the message names the file and, if known, the line."""
+    """Error: the user's code failed or cannot be loaded; the message names the file and, if known, the line."""
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ def yaml_value(value: object, steps: Steps = (), exact: bool = False, above: int
     """Return a Python value in the types of YAML, as it is read again from a file to which it was written.
 
     Tuples, ranges and arrays become lists, numbers of NumPy become Python's, file paths become texts. With `exact` none
-    of these is converted, and all numbers have to be finite. The parameters of users' algorithms are always exact.
+    of these is converted, and all numbers have to be finite. The parameters of users' code are always exact.
     steps: keys on the path to the value; above: number of levels above these keys. Raises ValueLineError.
     """
     if above + len(steps) >= DEEPEST:
