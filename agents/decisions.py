@@ -12,6 +12,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from taichi_plume.agents.columns import Column
+from taichi_plume.scenario.loading import ScenarioError
+
+KEYS = ("t", "group", "trial", "robot")
+"""First columns of `robots.parquet`."""
+
 
 class Driven(Protocol):
     """Protocol of an algorithm together with the robots that it drives, see `team.Team`."""
@@ -24,9 +30,9 @@ class Driven(Protocol):
 class Decision:
     """Quantity by which an algorithm decides, f32; NaN (null in tables) while there is none.
 
-    name: of the column. source: attribute of the algorithm that holds a number
-    per robot, a field or a NumPy array, by default `name`; dotted for an attribute of a part. axis: component, if the
-    attribute holds vectors. none: number that stands for a missing one.
+    name: of the column. source: attribute of the algorithm that holds a number per robot, a field or a NumPy array, by
+    default `name`; dotted for an attribute of a part. axis: component, if the attribute holds vectors. none: number
+    that stands for a missing one.
     """
 
     name: str
@@ -59,6 +65,20 @@ def columns(teams: Sequence[Driven]) -> tuple[Decision, ...]:
     """Return the decision quantities of the algorithms of some teams; a name that several share counts once."""
     shared = {each.name: each for team in teams for each in team.algorithm.DECISIONS}
     return tuple(shared.values())
+
+
+def require_distinct(teams: Sequence[Driven], others: Sequence[Column]) -> None:
+    """Raise ScenarioError if a user's algorithm gives a decision quantity the name of another column of the table."""
+    known = {name: (column.unit, column.meaning) for column in others for name in column.table}
+    known |= dict.fromkeys(KEYS, ("1", "identifies the row"))
+    for team in teams:
+        for each in team.algorithm.DECISIONS:
+            unit, meaning = known.setdefault(each.name, (each.unit, each.meaning))
+            if (unit, meaning) != (each.unit, each.meaning):
+                raise ScenarioError(
+                    [f"robots[{team.members.numbers[0]}].algorithm: DECISIONS has the name {each.name!r} of another "
+                     f"column of robots.parquet: {meaning} [{unit}]; take another name"]
+                )  # fmt: skip
 
 
 def values(teams: Sequence[Driven], count: int) -> dict[str, np.ndarray]:

@@ -11,10 +11,12 @@ The class is instantiated once per group, with the scenario's `parameters` as ke
 (tick) with all robots of all trials of the group; its state between calls is in its own attributes. A run can be
 resumed if the algorithm has ``state()``, which returns its whole state as plain data (numbers, texts, arrays, lists,
 dicts), and ``restore(state)``. Robots of a team (a group's robots in one trial) send each other messages of as many
-numbers as the class states, ``MESSAGE = 3``, within the group's `communication`.
+numbers as the class states, ``MESSAGE = 3``, within the group's `communication`. Attributes that
+``DECISIONS = (("lost", "s", "time since the last detection"),)`` lists are decision quantities, see `decisions`.
 """
 
 from copy import deepcopy
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +32,7 @@ from taichi_plume.agents.swarm import Swarm
 from taichi_plume.files import checkpoint
 from taichi_plume.files.own_class import OwnAlgorithmError, failures_named, file_of
 from taichi_plume.grid.state import saves_itself
+from taichi_plume.guard.terminal import visible
 from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.robots import Group
@@ -89,6 +92,14 @@ class Messages:
         self.heard_at[n, m] = t
 
 
+@dataclass(frozen=True)
+class OwnDecision(Decision):
+    """Quantity by which a user's algorithm decides: an attribute of the user's object."""
+
+    def read(self, algorithm: "OwnAlgorithm") -> np.ndarray:
+        return algorithm.decided(self.name)
+
+
 def _parameters(group: Group) -> dict[str, Any]:
     """Return the keyword arguments of the user's class that drives a group."""
     return group.algorithm.parameters if isinstance(group.algorithm, Own) else {}
@@ -103,7 +114,6 @@ class OwnAlgorithm:
     """
 
     PER_GROUP = True
-    DECISIONS: tuple[Decision, ...] = ()
 
     def __init__(self, swarm: Swarm, members: Members, own: type, before: "OwnAlgorithm | None" = None):
         self.swarm, self.members, self.own = swarm, members, own
@@ -120,6 +130,7 @@ class OwnAlgorithm:
         )
         self.words = self._words(group.count)
         self.messages = Messages(members, self.words) if self.words else None
+        self.DECISIONS: tuple[Decision, ...] = self._decisions()
         number = np.arange(group.size)
         trial = group.model.first_trial + number // group.count
         self.robots = Robots(trial, number % group.count, *self._heard(), self.flies)
@@ -140,6 +151,16 @@ class OwnAlgorithm:
                 f"than {MOST_HEARD:,}; use smaller teams or fewer trials"
             )
         return words
+
+    def _decisions(self) -> tuple[OwnDecision, ...]:
+        """Return DECISIONS, the class's decision quantities. Raises OwnAlgorithmError if not allowed."""
+        given = getattr(self.own, "DECISIONS", ())
+        if not isinstance(given, tuple | list) or not all(map(_is_decision, given)):
+            raise OwnAlgorithmError(
+                f"{self.path}, DECISIONS of {self.own.__name__} is {visible(repr(given), 200)}; must be a tuple of "
+                "(name, unit, meaning), texts, where name is an attribute of the class"
+            )
+        return tuple(OwnDecision(*each) for each in given)
 
     def _made(self, before: "OwnAlgorithm | None") -> Any:
         """Return the user's algorithm: a new object, or that of `before`."""
@@ -179,6 +200,17 @@ class OwnAlgorithm:
         if self.messages:
             self.messages.deliver(outputs, tick, t)
 
+    def decided(self, name: str) -> np.ndarray:
+        """Return the attribute `name` of the user's object for each robot (size,); NaN if it is None.
+
+        Raises OwnAlgorithmError if there is none, or if it is neither a number nor one per robot.
+        """
+        with failures_named(self.path):
+            held = getattr(self.algorithm, name)
+        values = self._per_robot(np.nan if held is None else held, f"{self.path}, {self.own.__name__}.{name}")
+        with np.errstate(over="ignore"):
+            return values.astype(np.float32)
+
     def _heard(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the last messages that the robots received, and their times [s], as read-only views."""
         if not self.messages:
@@ -191,11 +223,7 @@ class OwnAlgorithm:
     def _checked(self, name: str) -> np.ndarray:
         """Return the commands (size,) in the robots' attribute `name`. Raises OwnAlgorithmError if invalid."""
         where = f"{self.path}, act of {type(self.algorithm).__name__}: robots.{name}"
-        try:
-            values = np.broadcast_to(np.asarray(getattr(self.robots, name), float), self.size)
-        except (TypeError, ValueError):
-            shape = np.shape(getattr(self.robots, name))
-            raise OwnAlgorithmError(f"{where} has the shape {shape}, not ({self.size},)") from None
+        values = self._per_robot(getattr(self.robots, name), where)
         with np.errstate(over="ignore"):  # robots compute in f32
             finite = np.isfinite(values.astype(np.float32))
         if not finite.all():
@@ -204,3 +232,21 @@ class OwnAlgorithm:
         if name == "state" and not np.isin(values, np.arange(len(self.STATE_NAMES))).all():
             raise OwnAlgorithmError(f"{where} must be whole numbers from 0 to {len(self.STATE_NAMES) - 1}")
         return values
+
+    def _per_robot(self, given: Any, where: str) -> np.ndarray:
+        """Return a number, or one per robot, as an array (size,). Raises OwnAlgorithmError if it is neither."""
+        try:
+            return np.broadcast_to(np.asarray(given, float), self.size)
+        except (TypeError, ValueError):
+            shape = np.shape(given)
+            raise OwnAlgorithmError(f"{where} has the shape {shape}, not ({self.size},)") from None
+
+
+def _is_decision(given: object) -> bool:
+    """Return whether an entry of a class's DECISIONS is (name, unit, meaning), of which none is empty."""
+    return (
+        isinstance(given, tuple | list)
+        and len(given) == 3
+        and all(isinstance(text, str) and text for text in given)
+        and given[0].isidentifier()
+    )

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from taichi_plume.agents import decisions
 from taichi_plume.agents.algorithm import Algorithm
 from taichi_plume.agents.algorithm_table import ALGORITHMS
 from taichi_plume.agents.members import Members
@@ -92,7 +93,7 @@ def teams(
     handed, learnt, recorded = own or {}, networks or {}, ways or {}
     running = {team.numbers: team.algorithm for team in before if isinstance(team.algorithm, OwnAlgorithm)}
     names = [(numbers, swarm.groups[numbers[0]].name) for numbers in alike.values()]
-    return [
+    result = [
         Team(
             swarm,
             numbers,
@@ -104,3 +105,5 @@ def teams(
         )
         for numbers, name in names
     ]
+    decisions.require_distinct(result, swarm.columns)
+    return result

@@ -88,6 +88,36 @@ def test_a_run_without_them_has_no_column(run, tmp_path):
     assert captions.DECISIONS not in (other.folder / page.NAME).read_text(encoding="utf-8")
 
 
+class Turns:
+    DECISIONS = (("misses", "1", "number of misses in a row"), ("turn_by", "rad", "angle to turn"))
+
+    def __init__(self):
+        self.misses, self.turn_by = 3, None
+
+    def act(self, robots):
+        self.turn_by = 0.5 * robots.t
+        robots.turn_to(robots.heading + self.turn_by)
+
+
+def test_own_classes_add_their_columns(run, tmp_path):
+    """A column that a built-in algorithm has too must be the same; other names are of the class alone."""
+    path = run.folder.parent / "decided.yaml"
+    changes = {"robots.1.algorithm": tp.Own(Turns), "duration": 2}
+    other = tp.simulate(path, overrides=changes, out=tmp_path / "run")
+    table = other.robots
+    own = table[table.group == "replaced"]
+    first = own.t == own.t.min()
+    assert (own.misses == 3).all()
+    assert own.turn_by[first].isna().all()
+    assert own.turn_by[~first].to_numpy() == pytest.approx(0.5 * own.t[~first].to_numpy())
+    assert table.turn_by[table.group == "spirals"].isna().all()
+    assert table.attrs["units"]["turn_by"] == "rad"
+    assert "/decisions/turn_by/replaced" in entities(other.folder / "recording.rrd")
+    clash = type("Clash", (Turns,), {"DECISIONS": (("misses", "s", "time of misses"),)})
+    with pytest.raises(tp.ScenarioError, match="algorithm: DECISIONS has the name 'misses' of another"):
+        tp.Simulation(path, overrides={"robots.1.algorithm": tp.Own(clash)})
+
+
 def test_the_present_state_has_the_same_columns(run):
     with tp.Simulation(run.folder.parent / "decided.yaml") as sim:
         sim.run(until=5)

@@ -138,6 +138,55 @@ def test_a_failure_is_reported_and_what_was_computed_is_kept(path, capsys, act, 
     assert Path("out/robots.parquet").exists()
 
 
+# ---------------------------------------------------------------- decision quantities
+
+
+def decided(path, listed: str, held: str) -> dict[str, np.ndarray]:
+    """Decision quantities after the first tick of a class with `listed` as DECISIONS, whose attribute is `held`."""
+    text = UPWIND.replace("STATE_NAMES", f"DECISIONS = {listed}\n    STATE_NAMES", 1)
+    (path.parent / "upwind.py").write_text(text + f"        self.lost = {held}\n")
+    sim = assemble(load_scenario(path), path.parent, allow_code=True)
+    sim.advance()
+    return sim.decisions()
+
+
+LOST = '(("lost", "s", "time since the last detection"),)'
+
+
+@pytest.mark.parametrize(
+    ("held", "expected"),
+    [
+        ("robots.trial + 0.5", [0.5, 0.5, 1.5, 1.5]),
+        ("np.where(robots.robot > 0, np.nan, 3)", [3, np.nan, 3, np.nan]),
+        ("robots.dt > 0", [1, 1, 1, 1]),
+        ("None", [np.nan] * 4),
+    ],
+)
+def test_decision_quantities_are_attributes_of_the_class(path, held, expected):
+    (values,) = decided(path, LOST, held).values()
+    np.testing.assert_array_equal(values, np.float32(expected))
+
+
+@pytest.mark.parametrize(
+    ("listed", "held", "reported"),
+    [
+        ('("lost", "s", "time")', "0", r"upwind.py, DECISIONS of Upwind is \('lost', .* must be a tuple of"),
+        ('(("lost time", "s", "time"),)', "0", "must be a tuple of"),
+        ('(("found_at", "s", "time"),)', "0", "upwind.py: AttributeError: .*'found_at'"),
+        (LOST, "np.zeros(3)", r"upwind.py, Upwind.lost has the shape \(3,\), not \(4,\)"),
+    ],
+)
+def test_wrong_decision_quantities_are_refused(path, listed, held, reported):
+    with pytest.raises(OwnAlgorithmError, match=reported):
+        decided(path, listed, held)
+
+
+@pytest.mark.parametrize("name", ["t", "robot", "x", "reading_ppm"])
+def test_columns_of_the_table_are_no_names_of_decision_quantities(path, name):
+    with pytest.raises(ScenarioError, match=rf"robots\[0\].algorithm: DECISIONS has the name '{name}'"):
+        decided(path, f'(("{name}", "s", "time"),)', "0")
+
+
 # ---------------------------------------------------------------- what it keeps
 
 
