@@ -23,8 +23,6 @@ CHANGED = {
     "gaussian_puff": (
         "own", ["gas={kind: gaussian_puff, diffusivity: 0.01, releases: [{position: [0.5, 1.5], mass: 1e-6}]}"]
     ),
-    "plumesim_gaussian": ("own", ["gas={kind: plumesim_gaussian, release_point: [0.5, 1.5], cell: 0.1}"]),
-    "plumesim_meandering": ("own", ["gas={kind: plumesim_meandering, release_point: [0.5, 1.5]}"]),
     "ecoli": ("casting_room", ["robots.0.algorithm={kind: ecoli}"]),
     "filmed": ("casting_room", ["fields={rate: 2}"]),
     "other_air": ("puffs_arena", ["seed=3", "air_seed=4"]),

@@ -118,11 +118,16 @@ class GrowingTable:
         self.open = True
 
     def resume(self) -> None:
-        """Continue the table of a resumed run with its first `rows` rows. Raises RunFolderError if fewer are left."""
+        """Continue the table of a resumed run with its first `rows` rows.
+
+        Raises RunFolderError if fewer are left, or if its columns are those of another version.
+        """
         disk.require_room(self.path)
         rows, self.rows = self.rows, 0
         with disk.written_whole(self.stream) as fresh:
             for batch in batches(self.path) if rows else ():
+                if batch.schema != self.schema:
+                    raise RunFolderError(f"{self.path}: is of another version, with other columns")
                 self._put(batch.slice(0, rows - self.rows))
                 self._save(fresh)
             if self.rows < rows:

@@ -1,9 +1,11 @@
-"""Tables that grow: how small they are on the disk."""
+"""Tables that grow: their size on the disk, and resuming with other columns."""
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+import pytest
 
+from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.run_tables import GrowingTable, column
 from taichi_plume.scenario.probes import BYTES_PER_NUMBER
 
@@ -27,3 +29,19 @@ def test_measured_values_take_as_many_bytes_as_scenarios_are_reported(tmp_path):
     size = table.path.stat().st_size
     assert size < BYTES_PER_NUMBER * found.num_rows
     assert size < 0.8 * (tmp_path / "usual.parquet").stat().st_size
+
+
+def test_a_table_of_another_version_is_not_continued(tmp_path):
+    """Another version may have other columns; the rows that it wrote stay."""
+    columns = [column("t", pa.float64(), "s", "time"), column("u", pa.float32(), "m/s", "velocity")]
+    older = GrowingTable(tmp_path / "u.parquet", columns[:1], {}, 1)
+    older.start()
+    older.values["t"][0] = 0.5
+    older.took()
+    older.flush()
+    content = older.stream.read_bytes()
+    table = GrowingTable(older.path, columns, {}, 1)
+    table.rows = 1
+    with pytest.raises(RunFolderError, match=r"u.parquet: is of another version, with other columns"):
+        table.resume()
+    assert older.stream.read_bytes() == content
