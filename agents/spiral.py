@@ -2,13 +2,13 @@
 
 Ferri, Caselli, Mattoli, Mondini, Mazzolai & Dario, Robotics and Autonomous Systems 57 (2009) 393-402.
 
-ARM      turn by 90° (not before the first arm of a spiral) and drive the arm's length
+ARM      turn by 90° in the sense of the search (not before the first arm of a spiral) and drive the arm's length
 ACQUIRE  stand still and sample; the proximity index PI of the samples is a HIT or a MISS
 ESCAPE   after all arms without a hit: turn by a multiple of 45° and drive away, then a new spiral
 
 HIT (PI >= threshold): PI becomes the threshold, and a new spiral starts straight on. MISS: the next arm; five in a
 row, or three below half of the threshold, lower the threshold to the minimum less delta. ESCAPE resets it to the
-minimum.
+minimum. Only the first spiral of a search may start otherwise: with a turn, or with an acquisition (`first_move`).
 
 The paper states no lengths of arms, except that they suit the area. Random SPIRAL ignores gas, so that its published
 acquisitions, 38.6 and 28.3 from 180 and 150 cm (n = 10), depend on the arms alone: first arms of 0.35, 0.4 (the
@@ -43,6 +43,7 @@ LOW = 0.5
 TURNS = 8  # directions of an escape
 REMEMBERED = 10  # number of remembered acquisitions
 FLAT = 2.0  # weight of the mean of a record without a peak
+SENSES = {"left": 1.0, "right": -1.0, "random": 0.0}
 
 
 class Spiral(KernelAlgorithm):
@@ -96,6 +97,9 @@ class Spiral(KernelAlgorithm):
             "by_gradient": model.bump_side == "gradient",
             "random": model.random,
             "strict": model.strict_minimum,
+            "sense": SENSES[model.sense],
+            "first_turn": 0.5 * pi if model.first_move == "turn" else 0.0,  # rad
+            "acquires_first": model.first_move == "acquisition",
             "arms": model.arms,  # m
             "arm_count": len(model.arms),
             "escape_length": model.escape_length,  # m
@@ -103,11 +107,16 @@ class Spiral(KernelAlgorithm):
 
     @ti.func
     def _start(self, n):
-        u = self._uniform(n, 0)
-        self.sense[n] = ti.select(u[2] > 0.5, 1.0, -1.0)
+        self.sense[n] = self.p.sense[n]
+        if self.sense[n] == 0.0:
+            self.sense[n] = ti.select(self._uniform(n, 0)[2] > 0.5, 1.0, -1.0)
         self.threshold[n] = self.p.minimum[n]
         self.index[n], self.needed[n], self.hit[n] = ti.math.nan, ti.math.nan, ti.math.nan
-        self._set_out(n)
+        if self.p.acquires_first[n] == 1:
+            self.arm[n] = -1
+            self.swarm.state[self.robot[n]] = ACQUIRE
+        else:
+            self._set_out(n, self.p.first_turn[n] * self.sense[n])
 
     @ti.func
     def _step(self, n, tick, t, dt):
@@ -119,7 +128,7 @@ class Spiral(KernelAlgorithm):
             self.legs.aside[n] = self._better_side(n)
         if self.swarm.state[i] != ACQUIRE and not self.legs.advance(n, dt):
             if self.swarm.state[i] == ESCAPE:
-                self._set_out(n)
+                self._set_out(n, 0.0)
                 self.legs.advance(n, dt)
             else:
                 self.swarm.state[i] = ACQUIRE
@@ -129,11 +138,11 @@ class Spiral(KernelAlgorithm):
         return uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 0)
 
     @ti.func
-    def _set_out(self, n):
-        """Start a new spiral of robot n with an arm straight ahead."""
+    def _set_out(self, n, turn):
+        """Start a new spiral of robot n with a turn by `turn` [rad] and its first arm."""
         self.arm[n] = 0
         self.swarm.state[self.robot[n]] = ARM
-        self.legs.set_out(n, 0.0, self.p.arms[n, 0], self.sense[n])
+        self.legs.set_out(n, turn, self.p.arms[n, 0], self.sense[n])
 
     @ti.func
     def _better_side(self, n):
@@ -195,7 +204,7 @@ class Spiral(KernelAlgorithm):
             self.swarm.hits[i] += ti.cast(self.swarm.searches(i), ti.i32)
             self.threshold[n] = index
             self._forget(n)
-            self._set_out(n)
+            self._set_out(n, 0.0)
         else:
             self._miss(n, index, tick)
 
@@ -210,7 +219,8 @@ class Spiral(KernelAlgorithm):
         self.arm[n] += 1
         if self.arm[n] < self.p.arm_count[n]:
             self.swarm.state[i] = ARM
-            self.legs.set_out(n, 0.5 * pi * self.sense[n], self.p.arms[n, self.arm[n]], self.sense[n])
+            turn = ti.select(self.arm[n] > 0, 0.5 * pi * self.sense[n], 0.0)
+            self.legs.set_out(n, turn, self.p.arms[n, self.arm[n]], self.sense[n])
         else:
             self.threshold[n] = self.p.minimum[n]
             self._forget(n)

@@ -91,6 +91,14 @@ class Spiral(Listening):
     peak_height: Literal["above_mean", "absolute"] = "above_mean"
     """Height of a peak that counts: above the mean, or the whole concentration. The paper states neither, but that the
     mean covers low peaks: a whole peak is never lower than the mean."""
+    sense: Literal["left", "right", "random"] = "left"
+    """Side to which the robot turns between the arms; random: drawn for each search. The paper shows one path (figure
+    5), that of fixed figures (section 3.2), and names what it draws by chance: the angle of an escape. It does not say
+    which side; left is ours, and the mirror image of right from a mirrored start."""
+    first_move: Literal["arm", "turn", "acquisition"] = "arm"
+    """How the first spiral of a search starts: with its arm straight ahead, with the turn and then the arm, or with an
+    acquisition where the robot stands. By the paper an acquisition ends an arm (section 3.2), and robots start across
+    the direction to the source (section 5): a turn at once would face the source or its opposite."""
     arms: Annotated[tuple[si.Length, ...], Field(min_length=1, max_length=100)] = (
         0.4,
         0.4,

@@ -24,18 +24,46 @@ def acquisitions(states):
     return np.flatnonzero((states[:-1] == ACQUIRE) & (states[1:] != ACQUIRE)) + 1
 
 
-def test_arms_are_straight_and_turn_by_90_degrees(run):
+@pytest.mark.parametrize("sense", ["left", "right"])
+@pytest.mark.parametrize(
+    ("first_move", "arms"),
+    [
+        ("arm", [(0.4, 0.0), (0.0, 0.4), (-0.8, 0.0)]),
+        ("turn", [(0.0, 0.4), (-0.4, 0.0), (0.0, -0.8)]),
+        ("acquisition", [(0.0, 0.0), (0.4, 0.0), (0.0, 0.4), (-0.8, 0.0)]),
+    ],
+)
+def test_arms_of_a_spiral(run, sense, first_move, arms):
+    """Positions of the acquisitions of a robot that heads along +x; to the right they are mirrored."""
     run.gas.tell([0.0], 1.0)
-    run.begin(MODEL, positions=((1.5, 1.0),))
-    states, places = run.go(120)
-    ends = places[acquisitions(states[:, 0])[:3], 0]
-    path = np.vstack([[1.5, 1.0], ends])
-    legs = np.diff(path, axis=0)
-    assert np.linalg.norm(legs, axis=1) == pytest.approx([0.4, 0.4, 0.8], abs=2e-3)
-    assert legs[0] == pytest.approx([0.4, 0.0], abs=2e-3)  # the first arm straight on
-    assert np.sum(legs[:-1] * legs[1:], axis=1) == pytest.approx([0, 0], abs=2e-3)
-    turns = np.cross(np.pad(legs[:-1], ((0, 0), (0, 1))), np.pad(legs[1:], ((0, 0), (0, 1))))[:, 2]
-    assert turns[0] * turns[1] > 0  # always the same way
+    run.begin(MODEL.model_copy(update={"sense": sense, "first_move": first_move}), positions=((1.5, 1.0),))
+    states, places = run.go(160)
+    ends = places[acquisitions(states[:, 0])[: len(arms)] - 1, 0]
+    legs = np.diff(np.vstack([[1.5, 1.0], ends]), axis=0)
+    side = 1.0 if sense == "left" else -1.0
+    np.testing.assert_allclose(legs, np.array(arms) * (1.0, side), atol=2e-3)
+
+
+def test_a_hit_at_the_start_goes_straight_on(run):
+    """An acquisition before the first arm counts as any other: its index becomes the threshold."""
+    run.gas.tell([3.0], 1.0)
+    run.begin(MODEL.model_copy(update={"first_move": "acquisition"}), positions=((1.5, 1.0),))
+    states, places = run.go(80)
+    ends = places[acquisitions(states[:, 0])[:2] - 1, 0]
+    np.testing.assert_allclose(ends, [(1.5, 1.0), (1.9, 1.0)], atol=2e-3)
+    assert run.swarm.hits.to_numpy()[0] == 2
+    assert run.algorithm.threshold.to_numpy()[0] == pytest.approx(6.0)
+
+
+def test_a_random_sense_is_drawn_for_each_search():
+    """Of 200 searches about half turn left at the end of their first arm, and all keep their sense."""
+    model = MODEL.model_copy(update={"sense": "random", "acquisition": 1.0, "settle": 0.0})
+    run = Run(model, Script([0.0], 1.0), trials=200)
+    _, places = run.go(20)
+    second, third = places[70, :, 1] - 1.0, places[140, :, 0] - 1.9  # on the second arm, and on the third
+    assert 70 < (second > 0.0).sum() < 130
+    assert (abs(second) > 0.05).all()
+    assert (third < 0.0).all()
 
 
 def test_bump_backs_off_turns_and_drives_the_rest(run):
