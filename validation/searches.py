@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from taichi_plume.agents.spiral import Spiral
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.preparation import checked
 from taichi_plume.engine import program, ti
@@ -16,6 +17,7 @@ from taichi_plume.files.run_tables import read
 from taichi_plume.grid import kernels
 from taichi_plume.results.run import Run
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scoring.declarations import by_trial
 from taichi_plume.scoring.trials import source_places, trial_outcomes, trial_summary
 from taichi_plume.time_loop import Every, TimeLoop
 from taichi_plume.validation.case import Keys
@@ -50,11 +52,19 @@ def afresh() -> None:
 
 
 def outcomes(sim: TimeLoop, names: Container[str] | None = None) -> dict[str, dict[str, list[Any]]]:
-    """Return the columns of `trial_outcomes` by group, of all groups or those in `names`."""
+    """Return the columns of `trial_outcomes` by group, of all groups or those in `names`; with SPIRAL's `escapes`."""
     snapshot = sim.swarm.snapshot()
     sources = source_places(sim)
     groups = [group for group in sim.swarm.groups if names is None or group.name in names]
-    return {group.name: trial_outcomes(group, snapshot, sources) for group in groups}
+    columns = {group.name: trial_outcomes(group, snapshot, sources) for group in groups}
+    for team in sim.teams:
+        if isinstance(team.algorithm, Spiral):
+            escapes = np.zeros(sim.swarm.count, int)
+            escapes[team.members.robot.to_numpy()] = team.algorithm.escapes.to_numpy()
+            for group in team.members.groups:
+                if group.name in columns:
+                    columns[group.name]["escapes"] = by_trial(group, escapes).sum(axis=1).tolist()
+    return columns
 
 
 def pooled(parts: Iterable[tuple[Key, Mapping[str, Sequence[Any]]]]) -> dict[Key, dict[str, np.ndarray]]:

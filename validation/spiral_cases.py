@@ -113,6 +113,7 @@ def one_row(trials: int, row: tuple[str, int]) -> Results:
         "acquisitions": over_airs(steps, air),
         "time per acquisition [s]": ratio_over_airs(time, steps, air, air),
         "bumps": over_airs(columns["bumps"], air),
+        **({"escapes": over_airs(columns["escapes"], air)} if "escapes" in columns else {}),
     }
 
 
@@ -157,6 +158,7 @@ def _row(name: str, distance: int) -> Condition:
             "time [s]": str(time),
             "acquisitions": str(acquisitions),
             "time per acquisition [s]": f"{time.mean / acquisitions.mean:.1f}",
+            **({"escapes": "rarely"} if name == "SPIRAL" else {}),
         },
         expected={"acquisitions": NEAR_RANDOM} if name == "random SPIRAL" else {},
     )

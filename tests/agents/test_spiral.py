@@ -176,6 +176,9 @@ def test_after_all_arms_it_escapes_with_the_minimum(run):
     thresholds, states, _ = heard_in_turn(run, [0.3] * 6)
     assert states[-1] == ESCAPE
     assert thresholds[4:] == [0.8, 1.0]
+    assert run.algorithm.escapes.to_numpy()[0] == 1
+    heard_in_turn(run, [0.3] * 11 + [2.0])
+    assert run.algorithm.escapes.to_numpy()[0] == 1  # a hit ended the second spiral
 
 
 def test_strict_minimum_forbids_hits_below_it(run):

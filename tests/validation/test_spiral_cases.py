@@ -9,7 +9,7 @@ from taichi_plume import load_scenario
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.validation import spiral_cases, spiral_room
 from taichi_plume.validation.experiment import Range
-from taichi_plume.validation.searches import scenario_of
+from taichi_plume.validation.searches import outcomes, scenario_of
 from taichi_plume.validation.spiral_cases import CASES
 from taichi_plume.validation.spiral_floor import NoisyIndex, chi_square
 from taichi_plume.validation.spiral_index import PLACES, in_order
@@ -44,10 +44,30 @@ def test_every_row_has_its_trials(monkeypatch):
     assert Range(least=15).met(quick["acquisitions"].mean)  # of 3 s, and 5 s of driving and turning
     assert Range(3, 4.5).met(slow["acquisitions"].mean)  # of 31 s, and 5
     assert all(reported[row.name]["success"].n == 6 for row in rows[:-1])
+    assert [name for name, results in reported.items() if "escapes" in results] == [
+        f"{algorithm}, {d} cm" for algorithm in ("SPIRAL", "random SPIRAL") for d in (180, 150)
+    ]
     ratios = rows[-1]
     assert ratios.published.keys() >= ratios.expected.keys()
     assert reported[ratios.name].keys() > ratios.expected.keys()
     assert all((one["time_s"][one["success"]] <= 150.0).all() for one in spiral_cases.table(6).values())
+
+
+def test_escapes_are_counted_per_search():
+    """Spirals of two arms that never hit escape after every two acquisitions. E. coli knows no escapes."""
+    stays = {"kind": "spiral", "arms": [0.1, 0.1], "acquisition": 1.0, "minimum_ppm": 1e6}
+    groups = [
+        momo("spirals", 3, at(150), stays),
+        momo("late", 2, at(150), stays, 30.0),
+        momo("runs", 3, at(150), {"kind": "ecoli"}),
+    ]
+    sim = assemble(scenario_of(floor(groups, 60.0) | {"rivals": True}))
+    sim.run()
+    columns = outcomes(sim)
+    for name in ("spirals", "late"):
+        assert columns[name]["escapes"] == [count // 2 for count in columns[name]["acquisitions"]]
+    assert min(columns["spirals"]["escapes"]) > max(columns["late"]["escapes"]) > 1
+    assert "escapes" not in columns["runs"]
 
 
 def test_sessions_are_spaced_by_the_published_times():
