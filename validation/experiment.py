@@ -136,6 +136,33 @@ def ratio_over_airs(
     return Mean(mean, *ends, n, len(airs))
 
 
+def deviation_over_airs(values: np.ndarray, airs: np.ndarray) -> Mean:
+    """Return the standard deviation of all trials, (n,), with a confidence interval over their airs.
+
+    Percentiles of a bootstrap of airs with all their trials, at a level corrected for Student's t; no interval below
+    `FEWEST` airs, and no value below two trials. airs: as in `over_airs`.
+    """
+    from taichi_plume.studies.intervals import FEWEST, confidence
+
+    each, n = np.unique(airs), len(values)
+    if n < 2:
+        return Mean(None, None, None, n, len(each))
+    off = values - values.mean()  # sums of squares of it keep their digits
+    parts = [off[airs == air] for air in each]
+    moments = np.array([(len(part), part.sum(), (part**2).sum()) for part in parts])
+
+    def deviation(chosen: np.ndarray, axis: int = -1) -> np.ndarray:
+        count, first, second = (moments[chosen, k].sum(axis) for k in range(3))
+        return np.sqrt(np.maximum(second - first**2 / count, 0.0) / (count - 1.0))
+
+    numbers = np.arange(len(each))
+    ends: tuple[float | None, float | None] = (None, None)
+    if len(each) >= FEWEST:
+        level = confidence(len(each))
+        ends = _percentiles((numbers,), deviation, n_resamples=2999, confidence_level=level)
+    return Mean(float(deviation(numbers)), *ends, n, len(each))
+
+
 SHARE, CORRELATION = (0.0, 1.0), (-1.0, 1.0)
 """Limits of a fraction and of a correlation, see `over_airs`."""
 Results = Mapping[str, Mean | Picture]

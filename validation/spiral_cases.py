@@ -18,8 +18,10 @@ from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import (
     Condition,
     Experiment,
+    Mean,
     Range,
     Results,
+    deviation_over_airs,
     over_airs,
     ratio_over_airs,
 )
@@ -32,6 +34,7 @@ from taichi_plume.validation.spiral_room import (
     HOUR,
     SESSION,
     TABLE_2,
+    Sample,
     at,
     begins,
     momo,
@@ -44,6 +47,8 @@ HALF = 0.6  # bound of SPIRAL's acquisitions over random SPIRAL's: about half
 # Random SPIRAL uses no gas readings: its two rows do not differ significantly over ten trials, and are averaged.
 RANDOM = float(np.mean([TABLE_2["random SPIRAL", d].acquisitions.mean for d in DISTANCES]))
 NEAR_RANDOM = Range(round(0.8 * RANDOM, 1), round(1.2 * RANDOM, 1))
+RESAMPLES = 100_000
+RARE = 0.01  # chance below which independent searches are said not to have a published variation
 Columns = Mapping[str, np.ndarray]
 
 DISCUSSION = """\
@@ -103,14 +108,52 @@ def times(columns: Columns) -> np.ndarray:
     return np.where(columns["success"], columns["time_s"], HOUR)
 
 
+def chance_of_variation(values: np.ndarray, air: np.ndarray, published: Sample) -> Mean:
+    """Return the chance that an experiment of such searches has at most the published coefficient of variation.
+
+    values, air: (n,), of simulated searches. Experiments of as many trials as the published one are drawn from them, in
+    sessions of trials in the same air. The coefficient, unlike the deviation, does not depend on our mean.
+    """
+    rng = np.random.default_rng(1)
+    sorted_values = values[np.argsort(air, kind="stable")]
+    counts = np.unique(air, return_counts=True)[1]
+    starts = np.cumsum(counts) - counts
+    trial = np.arange(published.n)
+    airs = rng.integers(len(counts), size=(RESAMPLES, trial[-1] // SESSION + 1))[:, trial // SESSION]
+    drawn = sorted_values[starts[airs] + rng.integers(counts[airs])]
+    few = drawn.std(axis=1, ddof=1) <= published.variation * drawn.mean(axis=1)
+    return Mean(float(few.mean()), None, None, RESAMPLES)
+
+
+@cache
+def chances(trials: int) -> Mapping[tuple[str, int], tuple[Mean, Mean]]:
+    """Return for each row of table 2 the chances of its published variations of time and of acquisitions."""
+    return {
+        row: (
+            chance_of_variation(times(columns), columns["air"], TABLE_2[row].time),
+            chance_of_variation(columns["acquisitions"], columns["air"], TABLE_2[row].acquisitions),
+        )
+        for row, columns in table(trials).items()
+    }
+
+
+DEVIATION = "{}, standard deviation".format
+CHANCE = "chance of the published variation of {}".format
+
+
 def one_row(trials: int, row: tuple[str, int]) -> Results:
     """Return the results for a row of table 2 (algorithm, distance)."""
     columns = table(trials)[row]
     air, time, steps = columns["air"], times(columns), columns["acquisitions"]
+    of_time, of_steps = chances(trials)[row]
     return {
         "success": over_airs(columns["success"], air, share=True),
         "time [s]": over_airs(time, air),
+        DEVIATION("time [s]"): deviation_over_airs(time, air),
+        CHANCE("time"): of_time,
         "acquisitions": over_airs(steps, air),
+        DEVIATION("acquisitions"): deviation_over_airs(steps, air),
+        CHANCE("acquisitions"): of_steps,
         "time per acquisition [s]": ratio_over_airs(time, steps, air, air),
         "bumps": over_airs(columns["bumps"], air),
         **({"escapes": over_airs(columns["escapes"], air)} if "escapes" in columns else {}),
@@ -127,12 +170,15 @@ def fewer(distance: int) -> str:
     return f"acquisitions, SPIRAL / random SPIRAL, {distance} cm"
 
 
+UNLIKELY = f"share of published variations with a chance below {RARE:g}"
 ORDER = (*pairwise(RANKING), ("SPIRAL", "E. coli 3 s"))
 
 
 def order(trials: int) -> Results:
     """Return the ratios of times and of acquisitions between pairs of algorithms."""
     rows, results = table(trials), {}
+    rare = np.array([[chance.mean for chance in both] for both in chances(trials).values()], float) < RARE
+    results[UNLIKELY] = Mean(float(rare.mean()), None, None, rare.size)
     for d in DISTANCES:
         airs = {name: rows[name, d]["air"] for name in ALGORITHMS}
         for quick, slow in ORDER:
@@ -156,7 +202,11 @@ def _row(name: str, distance: int) -> Condition:
         partial(one_row, row=(name, distance)),
         published={
             "time [s]": str(time),
+            DEVIATION("time [s]"): f"{time.deviation:g}",
+            CHANCE("time"): f"variation {time.variation:.2f}",
             "acquisitions": str(acquisitions),
+            DEVIATION("acquisitions"): f"{acquisitions.deviation:g}",
+            CHANCE("acquisitions"): f"variation {acquisitions.variation:.2f}",
             "time per acquisition [s]": f"{time.mean / acquisitions.mean:.1f}",
             **({"escapes": "rarely"} if name == "SPIRAL" else {}),
         },

@@ -38,9 +38,19 @@ class Sample(NamedTuple):
     n: int
 
     @property
+    def error(self) -> float:
+        """Standard error of the mean."""
+        return self.deviation / sqrt(self.n)
+
+    @property
     def half(self) -> float:
         """Half width of Student's 95 % confidence interval."""
-        return float(stdtrit(self.n - 1, 0.975)) * self.deviation / sqrt(self.n)
+        return float(stdtrit(self.n - 1, 0.975)) * self.error
+
+    @property
+    def variation(self) -> float:
+        """Coefficient of variation."""
+        return self.deviation / self.mean
 
     def __str__(self) -> str:
         half = f"{self.half:.0f}" if self.half >= 10 else f"{self.half:.1f}"

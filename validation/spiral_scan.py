@@ -39,7 +39,6 @@ acquisitions until then: fewer than in the end, in favour of the paper.
 
 from collections.abc import Sequence
 from functools import cache
-from math import sqrt
 
 import numpy as np
 
@@ -86,12 +85,7 @@ PAIRED = 4  # airs of promising points
 AIRS_OF_BEST = 8
 WAY = (0.5, 0.75, 1.0)  # shares of the way from the usual values to the fewest acquisitions
 PUBLISHED = np.array([TABLE_2["SPIRAL", d].acquisitions.mean for d in DISTANCES])
-ERRORS = np.array(
-    [
-        TABLE_2["SPIRAL", d].acquisitions.deviation / sqrt(TABLE_2["SPIRAL", d].acquisitions.n)
-        for d in DISTANCES
-    ]
-)
+ERRORS = np.array([TABLE_2["SPIRAL", d].acquisitions.error for d in DISTANCES])
 TICK = 0.5  # s, of a sample; half as many as in spiral_room
 FIRST = 40.0  # s before the searches, in which robots far from the dish have acquired an index
 

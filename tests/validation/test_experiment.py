@@ -11,6 +11,7 @@ from taichi_plume.validation.experiment import (
     Mean,
     Range,
     Row,
+    deviation_over_airs,
     examine,
     over_airs,
     ratio_over_airs,
@@ -108,3 +109,23 @@ def test_ratios_over_airs_pair_them():
     assert (found.mean, found.airs) == (pytest.approx(1.5), 5)
     assert (found.low, found.high) == pytest.approx((1.5, 1.5))
     assert ratio_over_airs(level[:20], level[:20], airs[:20], airs[:20]).low is None
+
+
+def test_deviations_have_an_interval_over_airs():
+    """Of normal trials, the interval is that of chi-square; of trials that are equal in an air, that of the airs."""
+    rng = np.random.default_rng(2)
+    values, airs = rng.normal(1e3, 3.0, 2000), np.arange(2000) % 200
+    found = deviation_over_airs(values, airs)
+    assert (found.mean, found.n, found.airs) == (pytest.approx(values.std(ddof=1)), 2000, 200)
+    half = 1.96 * 3.0 / np.sqrt(2 * 2000)
+    assert found.low == pytest.approx(found.mean - half, abs=0.3 * half)
+    assert found.high == pytest.approx(found.mean + half, abs=0.3 * half)
+    alike = deviation_over_airs(rng.normal(1e3, 3.0, 200)[airs], airs)
+    assert alike.low is not None
+    assert alike.high is not None
+    assert alike.high - alike.low == pytest.approx(2 * half * np.sqrt(10), rel=0.3)
+
+
+def test_deviations_of_few_airs_have_no_interval():
+    assert deviation_over_airs(np.array([1.0, 3.0]), np.array([0, 1])) == Mean(np.sqrt(2.0), None, None, 2, 2)
+    assert deviation_over_airs(np.array([1.0]), np.array([0])) == Mean(None, None, None, 1, 1)

@@ -10,11 +10,11 @@ from taichi_plume.assembly.assemble import assemble
 from taichi_plume.validation import spiral_cases, spiral_room
 from taichi_plume.validation.experiment import Range
 from taichi_plume.validation.searches import outcomes, scenario_of
-from taichi_plume.validation.spiral_cases import CASES
+from taichi_plume.validation.spiral_cases import CASES, chance_of_variation
 from taichi_plume.validation.spiral_floor import NoisyIndex, chi_square
 from taichi_plume.validation.spiral_index import PLACES, in_order
 from taichi_plume.validation.spiral_index import spread as index_spread
-from taichi_plume.validation.spiral_room import TABLE_2, at, begins, floor, momo, room
+from taichi_plume.validation.spiral_room import TABLE_2, Sample, at, begins, floor, momo, room
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -50,6 +50,13 @@ def test_every_row_has_its_trials(monkeypatch):
     ratios = rows[-1]
     assert ratios.published.keys() >= ratios.expected.keys()
     assert reported[ratios.name].keys() > ratios.expected.keys()
+    chances = [
+        reported[row.name][spiral_cases.CHANCE(kind)].mean
+        for row in rows[:-1]
+        for kind in ("time", "acquisitions")
+    ]
+    unlikely = reported[ratios.name][spiral_cases.UNLIKELY]
+    assert (unlikely.mean, unlikely.n) == (np.mean(np.array(chances) < 0.01), 16)
     assert all((one["time_s"][one["success"]] <= 150.0).all() for one in spiral_cases.table(6).values())
 
 
@@ -77,6 +84,26 @@ def test_sessions_are_spaced_by_the_published_times():
 
 def test_published_intervals_are_students():
     assert str(TABLE_2["SPIRAL", 180].acquisitions) == "11.5 +- 2.4 (n = 15)"
+
+
+@pytest.mark.parametrize(("n", "variation"), [(4, 0.3), (10, 0.21), (15, 0.22), (15, 0.9)])
+def test_chance_of_a_published_variation_is_that_of_as_many_searches(n, variation):
+    """Memoryless searches, in airs without influence: against drawing n from the distribution itself."""
+    rng = np.random.default_rng(4)
+    steps, air = rng.geometric(0.03, 20_000) + 5, np.arange(20_000) % 50
+    truth = rng.geometric(0.03, (200_000, n)) + 5
+    expected = np.mean(truth.std(axis=1, ddof=1) / truth.mean(axis=1) <= variation)
+    found = chance_of_variation(steps, air, Sample(30.0, 30.0 * variation, n))
+    assert found.mean == pytest.approx(expected, rel=0.1, abs=2e-4)
+
+
+def test_chance_of_a_variation_keeps_sessions_in_one_air():
+    """Searches that are equal in an air: a session of four has no variation, two sessions only in different airs."""
+    air = np.repeat(np.arange(10), 7)
+    for n, expected in ((4, 1.0), (8, 0.1)):
+        assert chance_of_variation(10.0 + air, air, Sample(1.0, 1e-9, n)).mean == pytest.approx(
+            expected, abs=5e-3
+        )
 
 
 def test_pairs_in_order_and_spread_of_indices():
