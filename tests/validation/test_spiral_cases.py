@@ -7,11 +7,12 @@ import pytest
 
 from taichi_plume import load_scenario
 from taichi_plume.assembly.assemble import assemble
+from taichi_plume.scenario.search_algorithm import Spiral
 from taichi_plume.validation import spiral_cases, spiral_room
 from taichi_plume.validation.experiment import Range
 from taichi_plume.validation.searches import outcomes, scenario_of
 from taichi_plume.validation.spiral_cases import CASES, chance_of_variation
-from taichi_plume.validation.spiral_floor import NoisyIndex, chi_square
+from taichi_plume.validation.spiral_floor import ARMS, NoisyIndex, arms, chi_square
 from taichi_plume.validation.spiral_index import PLACES, in_order
 from taichi_plume.validation.spiral_index import spread as index_spread
 from taichi_plume.validation.spiral_room import TABLE_2, Sample, at, begins, floor, momo, room
@@ -121,6 +122,15 @@ def test_chi_square_counts_standard_errors():
     ours = np.array([-1.0, 1.0]).repeat(500)
     of_four = ours.std(ddof=1) / 2
     assert chi_square([(of_four, 4), (-2 * of_four, 4)], [ours, ours]) == pytest.approx(5.0)
+
+
+@pytest.mark.slow
+def test_default_arms_fit_random_spiral():
+    """400 searches can tell them from those of 0.5 m only."""
+    found = arms(400)
+    chi = np.array([found[f"{name}: chi-square, of 2"].mean for name in ARMS], float)
+    default = list(ARMS.values()).index(Spiral.model_fields["arms"].default)
+    assert chi[default] < min(1.0, chi[-1])
 
 
 def test_indices_have_the_noise_that_is_reported():
