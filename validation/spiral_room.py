@@ -28,6 +28,20 @@ ALGORITHMS: dict[str, Keys] = {
     "E. coli 30 s": {"kind": "ecoli", "acquisition": 30.0},
     "random SPIRAL": {"kind": "spiral", "random": True},
 }
+READINGS: dict[str, Keys] = {
+    "right": {"sense": "right"},
+    "either side": {"sense": "random"},
+    "turn first": {"first_move": "turn"},
+    "turn first, to the right": {"first_move": "turn", "sense": "right"},
+    "acquisition first": {"first_move": "acquisition"},
+    "arms of 0.45 m": {"arms": [0.45, 0.45, 0.9, 0.9, 1.35, 1.35]},
+}
+"""Other readings of the paper's text than the defaults of SPIRAL, as keys that differ from them."""
+
+
+def reading(name: str) -> Keys:
+    """Return the keys of SPIRAL by another reading of the text, one of READINGS."""
+    return ALGORITHMS["SPIRAL"] | READINGS[name]
 
 
 class Sample(NamedTuple):

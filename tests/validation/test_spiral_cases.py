@@ -11,11 +11,22 @@ from taichi_plume.scenario.search_algorithm import Spiral
 from taichi_plume.validation import spiral_cases, spiral_room
 from taichi_plume.validation.experiment import Range
 from taichi_plume.validation.searches import outcomes, scenario_of
-from taichi_plume.validation.spiral_cases import CASES, chance_of_variation
+from taichi_plume.validation.spiral_cases import CASES, airs_of, chance_of_variation
 from taichi_plume.validation.spiral_floor import ARMS, NoisyIndex, arms, chi_square
 from taichi_plume.validation.spiral_index import PLACES, in_order
 from taichi_plume.validation.spiral_index import spread as index_spread
-from taichi_plume.validation.spiral_room import TABLE_2, Sample, at, begins, floor, momo, room
+from taichi_plume.validation.spiral_room import (
+    ALGORITHMS,
+    READINGS,
+    TABLE_2,
+    Sample,
+    at,
+    begins,
+    floor,
+    momo,
+    reading,
+    room,
+)
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -38,7 +49,7 @@ def test_every_row_has_its_trials(monkeypatch):
     monkeypatch.setattr(spiral_cases, "HOUR", 150.0)
     monkeypatch.setattr(spiral_cases, "least_index", lambda airs: 1.0)
     monkeypatch.setattr(spiral_cases, "begins", lambda row: [0.0, 5.0, 5.0, 10.0])
-    (experiment,) = CASES
+    experiment, _ = CASES
     rows = experiment.conditions[:9]
     reported = {condition.name: condition.run(6) for condition in rows}
     quick, slow = reported["E. coli 3 s, 180 cm"], reported["random SPIRAL, 180 cm"]
@@ -59,6 +70,36 @@ def test_every_row_has_its_trials(monkeypatch):
     unlikely = reported[ratios.name][spiral_cases.UNLIKELY]
     assert (unlikely.mean, unlikely.n) == (np.mean(np.array(chances) < 0.01), 16)
     assert all((one["time_s"][one["success"]] <= 150.0).all() for one in spiral_cases.table(6).values())
+
+
+@pytest.mark.slow
+def test_every_reading_has_its_trials(monkeypatch):
+    """In the time of an acquisition only those robots complete one that do not drive before."""
+    monkeypatch.setattr(spiral_room, "OPENED", 60.0)
+    monkeypatch.setattr(spiral_cases, "HOUR", 32.0)
+    monkeypatch.setattr(spiral_cases, "least_index", lambda airs: 1.0)
+    readings = CASES[1]
+    reported = {condition.name: condition.run(1) for condition in readings.conditions}
+    assert len(reported) == 2 * len(READINGS)
+    assert all(results.keys() >= readings.conditions[0].published.keys() for results in reported.values())
+    steps = {name: results["acquisitions"].mean for name, results in reported.items()}
+    assert [name for name, mean in steps.items() if mean == 1.0] == [
+        f"acquisition first, {d} cm" for d in (180, 150)
+    ]
+
+
+@pytest.mark.parametrize("name", READINGS)
+def test_readings_differ_from_the_default_by_their_keys(name):
+    usual, other = (Spiral.model_validate(keys) for keys in (ALGORITHMS["SPIRAL"], reading(name)))
+    different = {key for key, value in usual if value != getattr(other, key)}
+    assert different == READINGS[name].keys()
+
+
+def test_spiral_is_judged_within_two_standard_errors_in_24_airs():
+    steps = {d: CASES[0].conditions[k].expected["acquisitions"] for k, d in enumerate((180, 150))}
+    assert steps == {180: Range(9.28, 13.72), 150: Range(7.81, 10.59)}
+    assert airs_of(CASES[0].trials) == airs_of(CASES[1].trials) == 24
+    assert [airs_of(trials) for trials in (1, 4, 5, 92, 93)] == [1, 1, 2, 23, 24]
 
 
 def test_escapes_are_counted_per_search():
