@@ -64,7 +64,7 @@ class Snapshots:
 
     def __init__(self, model: models.SnapshotMap, floor: Floor, needs: Needs):
         self.cell, self.window, self.power = model.cell, model.window, model.power
-        self.min_distance = model.cell / 2 if model.min_distance is None else model.min_distance
+        self.min_distance = model.least_distance
         self.extent = ti.math.vec2(floor.extent)
         self.shape = shape(floor.extent, model.cell)
         self.strip = min(WIDEST, 8 * ceil(self.shape[1] / 8))  # whole registers

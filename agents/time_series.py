@@ -2,13 +2,18 @@
 
 The past snapshots k forecast the next one, t, from the neighbourhood N_j in space and time,
 
-    Dist = α |x_j - x_i| + (1 - α) T,      T = time_scale (t - k) window       (in m and s)     (4)
+    Dist = α |x_j - x_i| + (1 - α) T,      T = time_scale (t0 - k) window      (in m and s)     (4)
     N_j = {(i, k): Dist < β, k < t},       U = 1 / Dist                                         (5) (7)
     S_j(t) = Σ_N C W U / Σ_N W U                                                                (6)
 
 where i counts the cells, with their C and W, or with `raw_samples` the samples, with their readings and W = 1. With
 cells N_j is the same everywhere: a list of (lag, offset, U), computed once. A ring buffer holds the snapshots within
-reach, so that runs of any length fit. T >= time_scale window, so that U is never infinite.
+reach, so that runs of any length fit.
+
+`time_from` chooses t0. By `newest` t0 = t - 1: T = 0 in the newest snapshot. The paper lists the neighbourhoods by
+their radius at the current snapshot and their age, as 1 m and 10 s for α = β = 0.5, which only holds for t0 = t - 1.
+U would be infinite in a cell's own newest value: distances below `min_distance` count as `min_distance` in U, as in
+eq 2. By `forecast` t0 = t, and U is never infinite.
 """
 
 from functools import lru_cache
@@ -62,11 +67,14 @@ class TimeSeriesMap(SnapMap):
         if not self.model.raw_samples:
             return np.where(lag <= self.depth, self.total[np.minimum(lag, self.depth)] / self.total[1], 0.0)
         cell = np.minimum(place // self.cell, np.array(self.shape) - 1)
-        way = self.model.alpha * np.linalg.norm(place - (cell + 0.5) * self.cell, axis=-1)
-        fresh, now = (
-            way + (1 - self.model.alpha) * self.model.time_scale * n * self.model.window for n in (1, lag)
+        model, apart = self.model, np.linalg.norm(place - (cell + 0.5) * self.cell, axis=-1)
+        way = model.alpha * np.maximum(apart, _least_distance(model))
+        fresh, age = (
+            (1 - model.alpha) * model.time_scale * (model.first_age + (n - 1) * model.window)
+            for n in (1, lag)
         )
-        return np.where(now < self.model.beta - models.BORDER, fresh / now, 0.0)
+        within = model.alpha * apart + age < model.beta - models.BORDER
+        return np.where(within, (way + fresh) / (way + age), 0.0)
 
     def _forecast(self) -> None:
         model, snapshots = self.model, self.snaps
@@ -75,7 +83,7 @@ class TimeSeriesMap(SnapMap):
             _from_samples(
                 snapshots.samples, snapshots.taken, snapshots.ended, self.depth, self.cell, model.alpha,
                 model.beta - models.BORDER,
-                lag_age, self.numerator, self.denominator,
+                lag_age, int(model.time_from == "newest"), _least_distance(model), self.numerator, self.denominator,
             )  # fmt: skip
             return
         _from_cells(
@@ -87,22 +95,31 @@ class TimeSeriesMap(SnapMap):
 
 def neighbourhood(model: models.TimeSeriesMap, farthest: int) -> Stencil:
     """Return the stencil of eq 4, 5, 7: lag, offset and weight U per neighbour; farthest: largest offset [cells]."""
-    return _stencil(model.alpha, model.beta, model.cell, model.time_scale, model.window, farthest)
+    newest, least = int(model.time_from == "newest"), _least_distance(model)
+    numbers = model.alpha, model.beta, model.cell, model.time_scale, model.window
+    return _stencil(*numbers, newest, least, farthest)
+
+
+def _least_distance(model: models.TimeSeriesMap) -> float:
+    """Return the least distance [m] in U: 0 if age keeps U finite."""
+    return model.least_distance if model.first_age == 0.0 else 0.0
 
 
 @lru_cache(maxsize=64)
 def _stencil(
-    alpha: float, beta: float, cell: float, time_scale: float, window: float, farthest: int
-) -> Stencil:
+    alpha: float, beta: float, cell: float, time_scale: float, window: float, newest: int, least: float,
+    farthest: int,
+) -> Stencil:  # fmt: skip
+    """Return the stencil of `neighbourhood`. newest: lag of age 0; least: least distance in U [m]."""
     reach = min(farthest, int(beta / alpha / cell) + 1)
     result: Stencil = []
     lag = 1
-    while (age := (1 - alpha) * time_scale * lag * window) < beta - models.BORDER:
+    while (age := (1 - alpha) * time_scale * (lag - newest) * window) < beta - models.BORDER:
         for dx in range(-reach, reach + 1):
             for dy in range(-reach, reach + 1):
-                dist = alpha * cell * hypot(dx, dy) + age
-                if dist < beta - models.BORDER:
-                    result.append((lag, dx, dy, 1 / dist))
+                apart = cell * hypot(dx, dy)
+                if alpha * apart + age < beta - models.BORDER:
+                    result.append((lag, dx, dy, 1 / (alpha * max(apart, least) + age)))
         lag += 1
     return result
 
@@ -146,9 +163,12 @@ def _from_cells(
 @ti.kernel
 def _from_samples(
     samples: Template, taken: Template, snap: int, depth: int, cell: float, alpha: float, beta: float, lag_age: float,
-    numerator: Template, denominator: Template,
+    newest: int, least: float, numerator: Template, denominator: Template,
 ):  # fmt: skip
-    """Compute numerator and denominator of eq 6 at snapshot (time window) `snap` from `depth` earlier snapshots."""
+    """Compute numerator and denominator of eq 6 at snapshot (time window) `snap` from `depth` earlier snapshots.
+
+    newest: lag of age 0; least: least distance in U [m].
+    """
     for k, i, j in ti.ndrange(*numerator.shape):
         center = (ti.Vector([i, j]) + 0.5) * cell
         a = 0.0
@@ -157,9 +177,10 @@ def _from_samples(
             slot = (snap - lag) % taken.shape[1]
             for n in range(taken[k, slot]):
                 sample = samples[k, slot, n]
-                d = ti.Vector([sample[0], sample[1]]) - center
-                dist = alpha * ti.math.length(d) + lag_age * lag
-                if dist < beta:
+                apart = ti.math.length(ti.Vector([sample[0], sample[1]]) - center)
+                age = lag_age * (lag - newest)
+                if alpha * apart + age < beta:
+                    dist = alpha * ti.max(apart, least) + age
                     a += sample[2] / dist
                     b += 1.0 / dist
         numerator[k, i, j] = a

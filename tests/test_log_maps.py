@@ -81,9 +81,11 @@ def test_a_map_of_a_log_is_of_all_its_readings(kind, reference, rel):
     assert (made.scores["readings"], made.scores["forgotten"]) == (240, 0)
 
 
-@pytest.mark.parametrize("keys", [{}, {"alpha": 0.6, "beta": 1.2}, {"cell": 0.5}])
+@pytest.mark.parametrize(
+    "keys", [{}, {"alpha": 0.6, "beta": 1.2}, {"cell": 0.5}, {"time_from": "forecast"}], ids=str
+)
 def test_a_time_series_of_a_log_reaches_back_to_its_begin(keys):
-    """Eq 1 to 7 with 120 snaps of all the readings, the first of which is half the neighbourhood away."""
+    """Eq 1 to 7 with 120 snaps of all the readings, the first of which is about half the neighbourhood away."""
     readings = log()
     reported = model(**{"kind": "time_series", "cell": 0.25} | keys)
     assert isinstance(reported, TimeSeriesMap)
@@ -95,12 +97,14 @@ def test_a_time_series_of_a_log_reaches_back_to_its_begin(keys):
     snap = np.maximum(np.ceil(t / 5.0 - 1e-9), 1.0).astype(int) - 1
     places = centers(reported.cell).reshape(-1, 2)
     between = cdist(places, places)
+    since, shortest = (119, reported.cell / 2) if reported.time_from == "newest" else (120, 0.0)
     above, below = np.zeros(len(places)), np.zeros(len(places))
     for k in range(120):
         of = snap == k
         w = np.maximum(cdist(places, readings.place[of]), reported.cell / 2) ** -2.0
-        dist = reported.alpha * between + (1.0 - reported.alpha) * scale * (120 - k) * 5.0
-        near = np.where(dist < reported.beta - 1e-9, 1.0 / dist, 0.0)
+        age = (1.0 - reported.alpha) * scale * (since - k) * 5.0
+        dist = reported.alpha * np.maximum(between, shortest) + age
+        near = np.where(reported.alpha * between + age < reported.beta - 1e-9, 1.0 / dist, 0.0)
         assert near.any(axis=1).all(), k
         above += near @ (w @ readings.reading[of])
         below += near @ w.sum(axis=1)

@@ -44,8 +44,8 @@ from taichi_plume.validation.mapping_scenario import (
     TEAMS,
     WINDOW,
     WINDOWS,
-    alphas,
     in_airs,
+    remembering_alphas,
 )
 from taichi_plume.validation.mapping_whiffs import endless, remembering
 
@@ -94,11 +94,11 @@ def mean_errors(airs: int, teams: np.ndarray, window: float = WINDOW) -> np.ndar
     return np.stack([np.nanmean(air.errors[window][..., teams], axis=(1, 2)) for air in in_airs(airs)], -1)
 
 
-def least(errors: np.ndarray, choice: Sequence[float] = ALPHAS) -> Mean:
+def least(errors: np.ndarray) -> Mean:
     """Return the alpha with the least mean error over all airs, with a bootstrap interval; errors: (alphas, airs)."""
 
     def argmin(*parts: np.ndarray, axis: int = -1) -> np.ndarray:
-        return np.array(choice)[np.stack([part.mean(axis=axis) for part in parts]).argmin(axis=0)]
+        return np.array(ALPHAS)[np.stack([part.mean(axis=axis) for part in parts]).argmin(axis=0)]
 
     return resampled(tuple(errors), argmin)
 
@@ -214,16 +214,15 @@ def windows(trials: int, navigation: str) -> Results:
     ascending = sorted(WINDOWS)
     lines = {f"{speed:g} m/s": [] for speed in SPEEDS}
     for speed, window in product(SPEEDS, ascending):
-        choice = alphas(window)
         errors = mean_errors(trials, chosen(navigation, speed, PAPER[1]), window)
         shares = [ratio_over_airs(row, errors[0]) for row in errors[1:]]
-        lines[f"{speed:g} m/s"].append(shares[choice.index(BEST)].mean)
+        lines[f"{speed:g} m/s"].append(shares[ALPHAS.index(BEST)].mean)
         if window != WINDOW:
             here = f"{speed:g} m/s, snaps of {window:g} s"
             result |= {
                 f"{here}: worst alpha / {PURE}": worst(shares, window),
-                f"{here}: alpha {BEST:g} / {PURE}": shares[choice.index(BEST)],
-                f"{here}: alpha of the least error": least(errors[1:], choice),
+                f"{here}: alpha {BEST:g} / {PURE}": shares[ALPHAS.index(BEST)],
+                f"{here}: alpha of the least error": least(errors[1:]),
             }
     result[f"Forecast error with alpha {BEST:g}, {navigation}, {PAPER[1]}"] = Lines(
         "length of a snap [s]",
@@ -279,12 +278,13 @@ def by_what_is_kept(correlation: np.ndarray, long: np.ndarray, error: np.ndarray
 
 
 def worst(shares: Sequence[Mean], window: float = WINDOW) -> Mean:
-    """Return the largest error ratio of `alphas(window)`: below 1, every time series forecasts better.
+    """Return the largest error ratio of `remembering_alphas`: below 1, every time series forecasts better.
 
-    Only alphas that use two past snapshots count: with one the map is only a blurred last snapshot.
+    With other alphas the map is only a blurred last snapshot.
     """
     return max(
-        shares[-len(alphas(window, 2)) :], key=lambda share: -np.inf if share.mean is None else share.mean
+        shares[-len(remembering_alphas(window)) :],
+        key=lambda share: -np.inf if share.mean is None else share.mean,
     )
 
 

@@ -74,17 +74,17 @@ TEAMS = tuple(Team(*row) for row in product(NAVIGATIONS, SPEEDS, SENSORS, SOURCE
 
 
 def maps(window: float) -> list[Keys]:
-    """Return map sections: pure interpolation, and a time series for each alpha that uses a past snapshot."""
+    """Return map sections: pure interpolation, and a time series for each of ALPHAS."""
     how = {"cell": CELL, "window": window}
     return [
         {"kind": "inverse_distance"} | how,
-        *({"kind": "time_series", "alpha": alpha} | how for alpha in alphas(window)),
+        *({"kind": "time_series", "alpha": alpha} | how for alpha in ALPHAS),
     ]
 
 
-def alphas(window: float, snapshots: int = 1) -> tuple[float, ...]:
-    """Return the ALPHAS that use `snapshots` past snapshots of `window` [s]; beta = 0.5, time scale 0.1 m/s."""
-    return tuple(alpha for alpha in ALPHAS if (1.0 - alpha) * 0.1 * snapshots * window < 0.5 - 1e-6)
+def remembering_alphas(window: float) -> tuple[float, ...]:
+    """Return the ALPHAS that use two past snapshots of `window` [s] or more; beta = 0.5, time scale 0.1 m/s."""
+    return tuple(alpha for alpha in ALPHAS if (1.0 - alpha) * 0.1 * window < 0.5 - 1e-6)
 
 
 def robots(number: int, team: Team) -> Keys:
@@ -163,7 +163,7 @@ class Scorer:
 
     def __init__(self, sim: TimeLoop, teams: Sequence[Team]):
         self.teams, self.groups = teams, sim.swarm.groups
-        self.maps = sim.maps[: 1 + len(alphas(WINDOW))]
+        self.maps = sim.maps[: 1 + len(ALPHAS)]
         cells = np.shape(self.maps[0].estimate())[1:]
         self.shape = (cells[0], cells[1])
         self.rows = np.array([group.row for group in self.groups])  # row of each team in the maps

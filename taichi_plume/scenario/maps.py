@@ -61,6 +61,11 @@ class SnapshotMap(AnyMap):
     min_distance: Annotated[si.Length, SHAPE] | None = None
     """Smallest distance that counts; unless given, half a cell."""
 
+    @property
+    def least_distance(self) -> float:
+        """Smallest distance that counts [m]: `min_distance`, or half a cell."""
+        return self.cell / 2 if self.min_distance is None else self.min_distance
+
     def bytes(self, size: tuple[float, ...], readings: float) -> float:
         return super().bytes(size, readings) + 12.0 * readings * self.window
 
@@ -78,18 +83,30 @@ class TimeSeriesMap(SnapshotMap):
     """Size of the neighbourhood. A reading counts where alpha distance + (1 - alpha) time_scale age is below it."""
     time_scale: Annotated[si.SomeCoefficient, SHAPE] = 0.1
     """Distance that a second of age counts as. More forgets faster."""
+    time_from: Annotated[Literal["newest", "forecast"], SHAPE] = "newest"
+    """Snap from which the age counts: newest, so that the last ended snap has age 0 and counts within beta / alpha;
+    or forecast, so that it is a window old."""
     raw_samples: bool = False
     """Whether the samples themselves are the neighbours, rather than the cells interpolated from the samples."""
     times: ClassVar[tuple[str, ...]] = ("window", "time_scale")
 
     @consistency_check
     def _has_neighbours(self) -> Iterator[str]:
-        age = (1.0 - self.alpha) * self.time_scale * self.window
+        age = (1.0 - self.alpha) * self.time_scale * self.first_age
         if age >= self.beta - BORDER:
-            yield f"sees no past snap: (1 - alpha) time_scale window = {age:g} must be below beta {self.beta:g}"
+            yield (
+                f"sees no past snap: (1 - alpha) time_scale window = {age:g} must be below beta {self.beta:g}, or "
+                "time_from newest"
+            )
+
+    @property
+    def first_age(self) -> float:
+        """Age of the newest snap in eq 4 [s]."""
+        return 0.0 if self.time_from == "newest" else self.window
 
     def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, float | None]:
-        """Return `window` and `time_scale` so that even the oldest reading of a log counts: its age is half of `beta`.
+        """Return `window` and `time_scale` so that even the oldest reading of a log counts: its age is at most half of
+        `beta`.
 
         In a long log, or on a large floor, the window is lengthened to limit memory and work.
         """
@@ -125,7 +142,8 @@ class TimeSeriesMap(SnapshotMap):
     @property
     def lags(self) -> float:
         """Number of past time windows whose readings still count in the map."""
-        return self.beta / ((1.0 - self.alpha) * self.time_scale * self.window)
+        ages = self.beta / ((1.0 - self.alpha) * self.time_scale * self.window)
+        return ages + (1.0 - self.first_age / self.window)
 
     def bytes(self, size: tuple[float, ...], readings: float) -> float:
         """Return the memory [bytes] of the map, with the stored samples or cells of past time windows."""

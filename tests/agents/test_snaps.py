@@ -15,7 +15,11 @@ pytestmark = pytest.mark.usefixtures("taichi")
 CELL, WINDOW, DT = 0.25, 5.0, 0.5
 FLOOR = Floor(EXTENT, TRIALS, COUNT + 1, DT)
 PLACES = centers((8, 6), CELL)
-ALPHAS = (0.4, 0.9, 0.98)
+READINGS = [
+    {"alpha": alpha, "time_from": time_from}
+    for time_from in ("newest", "forecast")
+    for alpha in (0.4, 0.9, 0.98)
+]
 
 
 @pytest.fixture(scope="module")
@@ -25,8 +29,8 @@ def stock(taichi):
 
 @pytest.fixture
 def of_alphas(taichi):
-    """Maps that differ in alpha alone, and share their snaps."""
-    return mappers([map_models.TimeSeriesMap(kind="time_series", alpha=alpha) for alpha in ALPHAS], FLOOR)
+    """Maps that differ in alpha and time_from alone, and share their snaps."""
+    return mappers([map_models.TimeSeriesMap(kind="time_series", **keys) for keys in READINGS], FLOOR)
 
 
 def run(maps, robots, seconds, pause=(np.inf, np.inf)):
@@ -52,14 +56,17 @@ def interpolated(samples, trial, power=2.0, shortest=CELL / 2):
     return (weights @ value / W if len(x) else np.full(len(PLACES), np.nan)), W
 
 
-def forecast(snaps, now, trial, alpha, beta, time_scale=0.1):
-    """Eq 4-7 for snap number `now` from all before it."""
+def forecast(snaps, now, trial, alpha, beta, time_scale=0.1, time_from="newest"):
+    """Eq 4-7 for snap number `now` from all before it. T counts from the snap before, at distances of a half cell or
+    more, or from the forecast snap.
+    """
+    since, shortest = (now - 1, CELL / 2) if time_from == "newest" else (now, 0.0)
     apart = np.linalg.norm(PLACES[:, None] - PLACES, axis=-1)
     above, below = np.zeros(len(PLACES)), np.zeros(len(PLACES))
     for k in range(now):
         C, W = interpolated(snaps[k], trial)
-        dist = alpha * apart + (1 - alpha) * time_scale * (now - k) * WINDOW
-        U = np.where(dist < beta - 1e-9, 1 / dist, 0.0)
+        age = (1 - alpha) * time_scale * (since - k) * WINDOW
+        U = np.where(alpha * apart + age < beta - 1e-9, 1 / (alpha * np.maximum(apart, shortest) + age), 0.0)
         above += U @ np.where(W > 0, C * W, 0.0)
         below += U @ W
     return np.where(below > 0, above / np.where(below > 0, below, 1), np.nan), below
@@ -71,22 +78,22 @@ def test_time_series_map_is_eq_1_to_8(stock, of_alphas, pause):
     for one in of_alphas:
         assert np.isnan(one.estimate()).all()
     snaps = run(of_alphas, stock.robots(4), 45.0, pause)
-    for alpha, gas_map in zip(ALPHAS, of_alphas, strict=True):
+    for keys, gas_map in zip(READINGS, of_alphas, strict=True):
         assert gas_map.snaps.ended == 9
         assert gas_map.estimate().shape == (TRIALS, 8, 6)
         errors = dict(gas_map.errors)
-        assert list(errors) == pytest.approx([10, 15, 20, 25, 30, 35, 40, 45]), alpha
+        assert list(errors) == pytest.approx([10, 15, 20, 25, 30, 35, 40, 45]), keys
         for trial in range(TRIALS):
-            S, weight = forecast(snaps, 9, trial, alpha, 0.5)
+            S, weight = forecast(snaps, 9, trial, beta=0.5, **keys)
             same(gas_map.estimate()[trial].ravel(), S)
             same(gas_map.weight()[trial].ravel(), weight)
             for snap in (1, 4, 7, 8):
-                S, _ = forecast(snaps, snap, trial, alpha, 0.5)
+                S, _ = forecast(snaps, snap, trial, beta=0.5, **keys)
                 C, _ = interpolated(snaps[snap], trial)
                 off = np.abs(S - C)
                 expected = np.nan if np.isnan(off).all() else np.nanmean(off)
                 found = errors[(snap + 1) * WINDOW][trial]
-                assert found == pytest.approx(expected, rel=1e-5, nan_ok=True), (alpha, trial, snap)
+                assert found == pytest.approx(expected, rel=1e-5, nan_ok=True), (keys, trial, snap)
 
 
 def test_scales_and_ticks_are_free(stock):
@@ -131,8 +138,8 @@ def test_maps_that_share_snaps_are_what_they_are_alone(stock):
 
 
 def test_nothing_is_known_right_after_an_empty_snap_when_the_neighbourhood_is_short(stock, of_alphas):
-    """alpha = 0.4 reaches one snap back: unknown, not zero."""
-    gas_map = of_alphas[0]
+    """alpha = 0.4 reaches one snap back from the forecast: unknown, not zero."""
+    gas_map = of_alphas[READINGS.index({"alpha": 0.4, "time_from": "forecast"})]
     robots = stock.robots(1)
     robots.wander()
     gas_map.update(robots, 5.0, DT)
@@ -169,9 +176,42 @@ def test_inverse_distance_map_is_eq_1_to_3_of_the_last_snap(stock):
 )
 def test_reach_of_the_neighbourhood(alpha, lags, entries):
     """Counted by hand from eq 4 and 5, beta = 0.5, 5 s and 0.25 m; a distance of exactly beta is outside."""
-    stencil = neighbourhood(map_models.TimeSeriesMap(kind="time_series", alpha=alpha), 15)
+    stencil = neighbourhood(
+        map_models.TimeSeriesMap(kind="time_series", alpha=alpha, time_from="forecast"), 15
+    )
     assert max(lag for lag, *_ in stencil) == lags
     assert len(stencil) == entries
+
+
+@pytest.mark.parametrize(
+    ("alpha", "radius", "age"),
+    [
+        (0.4, 1.25, 8.33),
+        (0.5, 1.0, 10.0),
+        (0.6, 0.83, 12.5),
+        (0.8, 0.625, 25.0),
+        (0.9, 0.55, 50.0),
+        (0.98, 0.51, 250),
+    ],
+)
+def test_the_neighbourhoods_are_those_that_the_paper_lists(alpha, radius, age):
+    """[radius, age] as printed, the age of 0.95 with the alpha that has it: the largest cone within eq 5, from its base
+    in the newest snap on. Snaps of 1 s and cells of 1 cm, below the two digits that are printed.
+    """
+    fine = map_models.TimeSeriesMap(kind="time_series", alpha=alpha, cell=0.01, window=1.0)
+    reach = max(dx for lag, dx, dy, _ in neighbourhood(fine, 150) if (lag, dy) == (1, 0))
+    oldest = max(lag for lag, *_ in neighbourhood(fine.model_copy(update={"cell": 0.6}), 5)) - 1
+    assert reach * 0.01 == pytest.approx(radius, abs=0.011)
+    assert oldest == pytest.approx(age, abs=1.001)
+
+
+def test_the_newest_value_of_a_cell_counts_as_from_its_edge():
+    """U of the cell itself is finite, that of any neighbour as by eq 7: 1 / (alpha d + (1 - alpha) T)."""
+    model = map_models.TimeSeriesMap(kind="time_series", alpha=0.8)
+    weight = {(lag, dx, dy): U for lag, dx, dy, U in neighbourhood(model, 15)}
+    assert weight[1, 0, 0] == pytest.approx(1 / (0.8 * 0.125))
+    assert weight[1, 1, 0] == pytest.approx(1 / (0.8 * 0.25))
+    assert weight[2, 0, 1] == pytest.approx(1 / (0.8 * 0.25 + 0.2 * 0.1 * 5.0))
 
 
 def test_cells_cover_the_floor():
@@ -179,20 +219,23 @@ def test_cells_cover_the_floor():
     assert InverseDistanceMap(model, Floor((2.0, 1.5), 1, 1, DT)).shape == (5, 4)
 
 
-def test_raw_samples_take_the_place_of_cells(stock):
+@pytest.mark.parametrize(("time_from", "since", "shortest"), [("newest", 6, 0.125), ("forecast", 7, 0.0)])
+def test_raw_samples_take_the_place_of_cells(stock, time_from, since, shortest):
     """Eq 6 with i over the samples of the past snaps, each with W = 1."""
-    model = map_models.TimeSeriesMap(kind="time_series", alpha=0.8, raw_samples=True)
+    model = map_models.TimeSeriesMap(kind="time_series", alpha=0.8, raw_samples=True, time_from=time_from)
     gas_map = TimeSeriesMap(model, FLOOR)
     snaps = run([gas_map], stock.robots(4), 37.0, pause=(20.0, 25.0))
     for trial in range(TRIALS):
         above, below = np.zeros(48), np.zeros(48)
         for k in range(7):
             for number, x, y, reading in snaps[k]:
-                dist = 0.8 * np.hypot(*(PLACES - (x, y)).T) + 0.2 * 0.1 * (7 - k) * WINDOW
-                near = (dist < 0.5) & (number == trial)
+                apart = np.hypot(*(PLACES - (x, y)).T)
+                age = 0.2 * 0.1 * (since - k) * WINDOW
+                near = (0.8 * apart + age < 0.5) & (number == trial)
+                dist = 0.8 * np.maximum(apart, shortest) + age
                 above[near] += reading / dist[near]
                 below[near] += 1 / dist[near]
         S = np.where(below > 0, above / np.where(below > 0, below, 1), np.nan)
-        assert 0 < np.isfinite(S).sum() < 48
+        assert np.isfinite(S).any()
         same(gas_map.estimate()[trial].ravel(), S)
         same(gas_map.weight()[trial].ravel(), below)

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from taichi_plume import load_scenario
+from taichi_plume.agents.time_series import neighbourhood
+from taichi_plume.scenario.maps import TimeSeriesMap
 from taichi_plume.validation import mapping_cases, mapping_scenario, mapping_whiffs
 from taichi_plume.validation.case import Curve
 from taichi_plume.validation.experiment import Lines, Mean
@@ -17,9 +19,9 @@ from taichi_plume.validation.mapping_scenario import (
     TEAMS,
     WINDOWS,
     Team,
-    alphas,
     arena,
     persistence,
+    remembering_alphas,
 )
 from taichi_plume.validation.mapping_whiffs import endless
 from taichi_plume.validation.report import page
@@ -64,9 +66,15 @@ def test_a_team_smells_its_own_source_alone():
         assert weights == [float(source == team.source) for source in SOURCES]
 
 
-def test_windows_have_the_alphas_that_see_a_past_snap():
-    assert [len(alphas(window)) for window in WINDOWS] == [len(ALPHAS), len(ALPHAS), len(ALPHAS) - 1]
-    assert len(scenario_of(arena()).maps) == sum(1 + len(alphas(window)) for window in WINDOWS)
+@pytest.mark.parametrize(("window", "count"), [(2.5, 6), (5.0, 6), (10.0, 5), (25.0, 3)])
+def test_alphas_that_remember_see_two_past_snaps(window, count):
+    """As the neighbourhoods of their maps reach back."""
+    models = [TimeSeriesMap(kind="time_series", alpha=alpha, window=window) for alpha in ALPHAS]
+    reach = [max(lag for lag, *_ in neighbourhood(model, 15)) for model in models]
+    assert tuple(alpha for alpha, lag in zip(ALPHAS, reach, strict=True) if lag >= 2) == remembering_alphas(
+        window
+    )
+    assert len(remembering_alphas(window)) == count
 
 
 def test_teams_are_chosen_by_what_they_are():
@@ -105,9 +113,8 @@ def test_the_least_error_is_where_the_mean_is_least():
 
 def test_the_worst_alpha_is_one_that_sees_two_snaps():
     shares = [Mean(ratio, None, None, 8) for ratio in (1.3, 0.9, 1.2, 0.8, 0.7, 0.6)]
-    assert worst(shares) is shares[2]
-    assert worst(shares, 2.5) is shares[0]  # alpha = 0.4 reaches back three snaps of 2.5 s
-    assert alphas(10.0, 2) == (0.8, 0.9, 0.95, 0.98)
+    assert worst(shares) is shares[0]
+    assert worst(shares, 10.0) is shares[2]  # alpha = 0.4 reaches back 8.33 s
 
 
 @pytest.mark.slow
@@ -133,7 +140,7 @@ def test_a_short_run_tells_everything(monkeypatch):
     first, second = airs
     assert first.times == pytest.approx([35.0, 40.0])
     assert not np.array_equal(first.errors[5.0], second.errors[5.0])
-    assert [first.errors[window].shape for window in WINDOWS] == [(7, 2, 4), (7, 4, 4), (6, 1, 4)]
+    assert [first.errors[window].shape for window in WINDOWS] == [(7, 2, 4), (7, 4, 4), (7, 1, 4)]
     assert (first.passed <= 40.0).any()
     assert (first.way > 0.0).all()
     assert ((first.met >= 0.0) & (first.met <= 1.0)).all()

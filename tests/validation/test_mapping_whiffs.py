@@ -52,20 +52,20 @@ def test_the_plume_is_downwind_and_carries_the_same_gas_everywhere():
 
 def test_remembering_goes_from_one_snap_to_a_long_mean():
     kept = np.array([0.0, 0.5, 0.9])
-    assert remembering(0.4, kept) == pytest.approx(1.0)  # sees the last snap alone
+    assert remembering(0.4, kept, 10.0) == pytest.approx(1.0)  # sees the last snap alone
     assert endless(np.array(0.5)) == pytest.approx(1.0)
     assert (remembering(0.98, kept)[[0, 2]] < [0.75, 10.0]).all()
     for alpha in (0.6, 0.9):  # independent snaps with weights g: sqrt((1 + sum of g²)/2)
-        lags = {0.6: 2, 0.9: 9}[alpha]
+        lags = {0.6: 3, 0.9: 10}[alpha]
         assert np.sqrt(0.5 * (1 + 1 / lags)) <= remembering(alpha, 0.0) < 1.0
     # by drawing: an autoregression, forecast with the weights of alpha = 0.6
     stencil = neighbourhood(TimeSeriesMap(kind="time_series", alpha=0.6), 15)
-    g = [sum(U for lag, _, _, U in stencil if lag == n) for n in (1, 2)]
+    g = [sum(U for lag, _, _, U in stencil if lag == n) for n in (1, 2, 3)]
     x, rng = np.zeros((6, 200_000)), np.random.default_rng(2)
     x[0] = rng.standard_normal(x.shape[1])
     for n in range(1, 6):
         x[n] = 0.3 * x[n - 1] + np.sqrt(1 - 0.09) * rng.standard_normal(x.shape[1])
-    forecast = (g[0] * x[4] + g[1] * x[3]) / sum(g)
+    forecast = (g[0] * x[4] + g[1] * x[3] + g[2] * x[2]) / sum(g)
     drawn = np.abs(x[5] - forecast).mean() / np.abs(x[5] - x[4]).mean()
     assert remembering(0.6, 0.3) == pytest.approx(drawn, rel=0.01)
 
