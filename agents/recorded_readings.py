@@ -16,9 +16,16 @@ class RecordedTeam:
         self.members = ti.filled(np.arange(most)[None])
         self.team_size = ti.field(ti.i32, 1)
 
-    def show(self, place: np.ndarray, wind: np.ndarray, reading: np.ndarray) -> None:
-        """Set the n robots' positions (n, 2) [m], winds (n, 2) [m/s], zero if unknown, and readings (n,) [ppm]."""
+    def show(
+        self, place: np.ndarray, wind: np.ndarray, reading: np.ndarray, robot: np.ndarray | None = None
+    ) -> None:
+        """Set the n robots' positions (n, 2) [m], winds (n, 2) [m/s], zero if unknown, and readings (n,) [ppm].
+
+        robot: numbers of these robots, (n,) below `most`; by default the first n.
+        """
         n = len(reading)
+        rows = np.arange(n) if robot is None else robot
         self.team_size[0] = n
-        self.believed_position[:n], self.wind[:n], self.reading[:n] = place, wind, reading
-        self.wind_known[:n] = np.any(np.asarray(wind, np.float32) != 0.0, axis=1)
+        self.members[0, :n] = rows
+        self.believed_position[rows], self.wind[rows], self.reading[rows] = place, wind, reading
+        self.wind_known[rows] = np.any(np.asarray(wind, np.float32) != 0.0, axis=1)

@@ -2,7 +2,7 @@
 
 Marjovi & Marques, "Multi-Robot Odor Distribution Mapping in Realistic Time-Variant Conditions", ICRA 2014, with its
 equation numbers. Time is cut into snapshots of `window` seconds. In snapshot k the samples (x_i, C_i) of all robots
-of a trial, at believed positions x_i, give in cell j
+of a trial, or with `samples: newest` the last one of each, at believed positions x_i, give in cell j
 
     w_ij = max(|x_j - x_i|, min_distance)^-power                                                (2)
     C_j(k) = Σ_i w_ij C_i / Σ_i w_ij,      W_j(k) = Σ_i w_ij                                    (1) (3)
@@ -49,18 +49,19 @@ class Needs:
 
 def alike(model: models.SnapshotMap) -> tuple:
     """Return a key that is equal for map sections whose snapshots are equal, so that their maps can share snapshots."""
-    return "snaps", model.cell, model.window, model.power, model.min_distance
+    return "snaps", model.cell, model.window, model.power, model.min_distance, model.samples
 
 
 class Snapshots:
     """Samples of the latest snapshots (time windows) and their interpolation to the cells.
 
     `ended` counts the ended snapshots. Snapshot n, from 0 on, has its samples (x [m], y [m], C [ppm]) at
-    ``samples[trial, n % kept]``, `taken` of them. ``weighted[trial, n % depth]`` and `weights` hold its A [ppm /
+    ``samples[trial, n % kept]``, `taken` of them; `place` is the index of each robot's newest sample in the running
+    snapshot, -1 without, if only these count. ``weighted[trial, n % depth]`` and `weights` hold its A [ppm /
     m^power] and B [1 / m^power], (nx, ny) with `margin` cells of zeros on every side.
     """
 
-    STATE = ("samples", "taken", "weighted", "weights", "ended", "time")
+    STATE = ("samples", "taken", "place", "weighted", "weights", "ended", "time")
 
     def __init__(self, model: models.SnapshotMap, floor: Floor, needs: Needs):
         self.cell, self.window, self.power = model.cell, model.window, model.power
@@ -70,9 +71,12 @@ class Snapshots:
         self.strip = min(WIDEST, 8 * ceil(self.shape[1] / 8))  # whole registers
         self.kept, self.depth, self.margin = needs.sampled, needs.depth, needs.margin
         self.maps: list[SnapMap] = []  # maps to update at the end of a snapshot
-        trials, most = floor.trials, floor.robots * (ceil(model.window / floor.tick) + 1)
+        self.newest = model.samples == "newest"
+        trials, each = floor.trials, 1 if self.newest else ceil(model.window / floor.tick) + 1
+        most = floor.robots * each
         self.samples = ti.vector_field(3, ti.f32, (trials, self.kept, most))
         self.taken = ti.field(ti.i32, (trials, self.kept))
+        self.place = ti.filled(np.full(trials * floor.robots if self.newest else 1, -1))
         rows = self.shape[0] + 2 * self.margin
         columns = -(-self.shape[1] // self.strip) * self.strip + 2 * self.margin
         self.weighted = ti.field(ti.f32, (trials, self.depth, rows, columns))
@@ -99,7 +103,8 @@ class Snapshots:
         while self.ended < before:
             self._close()  # no readings since the snapshot ended
         _gather(
-            self.samples, self.taken, self.ended % self.kept, swarm.members, swarm.team_size,
+            int(self.newest), self.samples, self.taken, self.place, self.ended % self.kept, swarm.members,
+            swarm.team_size,
             swarm.believed_position, swarm.reading, self.extent,
         )  # fmt: skip
         if self.ended < now:
@@ -116,6 +121,8 @@ class Snapshots:
         for gas_map in self.maps:
             gas_map.close()
         self.taken[:, self.ended % self.kept] = 0
+        if self.newest:
+            self.place.fill(-1)
 
 
 class SnapMap(GasMap):
@@ -195,19 +202,26 @@ class InverseDistanceMap(SnapMap):
 
 @ti.kernel
 def _gather(
-    samples: Template, taken: Template, slot: int, members: Template, team_size: Template, position: Template,
-    reading: Template, extent: ti.math.vec2,
+    newest: Template, samples: Template, taken: Template, place: Template, slot: int, members: Template,
+    team_size: Template, position: Template, reading: Template, extent: ti.math.vec2,
 ):  # fmt: skip
-    """Append a sample of every robot with a valid reading to the running snapshot of its trial."""
+    """Append a sample of every robot with a valid reading to the running snapshot of its trial.
+
+    newest: 1 if the sample replaces an earlier one of the robot, at the index `place`.
+    """
     ti.loop_config(serialize=ti.static(runs_serially(team_size.shape[0])))
     for k in range(team_size.shape[0]):
         n = taken[k, slot]
         for m in range(team_size[k]):
             robot = members[k, m]
             if counts(reading[robot], position[robot], extent):
-                if n < samples.shape[2]:
-                    samples[k, slot, n] = ti.Vector([position[robot][0], position[robot][1], reading[robot]])
-                    n += 1
+                at = n
+                if ti.static(newest):
+                    at = ti.select(place[robot] < 0, n, place[robot])
+                    place[robot] = at
+                if at < samples.shape[2]:
+                    samples[k, slot, at] = ti.Vector([position[robot][0], position[robot][1], reading[robot]])
+                    n = ti.max(n, at + 1)
         taken[k, slot] = n
 
 

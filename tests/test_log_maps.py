@@ -4,14 +4,16 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from pydantic import TypeAdapter
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 from scipy.spatial.distance import cdist
 
+from taichi_plume.api.maps import maps as maps_of
 from taichi_plume.cli import maps
-from taichi_plume.files.readings import Readings
+from taichi_plume.files.readings import Readings, ReadingsError
 from taichi_plume.results.recorded_maps import GasMap, map_of, of_log
 from taichi_plume.scenario.maps import Map, TimeSeriesMap
 
@@ -137,6 +139,26 @@ def test_what_is_said_to_be_forgotten_is_what_changes_nothing(keys, slack):
     assert whole.scores["chosen_for_the_log"] == {}
     np.testing.assert_allclose(made(slice(0, forgotten)).estimate, whole.estimate, atol=50.0 * slack)
     assert np.nanmax(np.abs(made(forgotten).estimate - whole.estimate)) > 0.0
+
+
+def test_a_log_with_one_reading_per_robot_and_snap():
+    """Three robots that report one after the other, in files by the column robot: the last reading of each counts."""
+    log_of = pd.DataFrame(
+        {
+            "t": np.arange(1.0, 13.0),
+            "x": np.tile([0.3, 0.9, 1.6], 4),
+            "y": np.linspace(0.1, 1.4, 12),
+            "reading": np.arange(12.0) ** 2,
+            "robot": np.tile(["c", "a", "b"], 4),
+        }
+    )
+    keys = {"kind": "inverse_distance", "cell": 0.25, "window": 20.0}
+    made = maps_of(log_of, {**keys, "samples": "newest"}, size=SIZE)
+    expected = maps_of(log_of.tail(3), keys, size=SIZE)
+    np.testing.assert_allclose(made.estimate, expected.estimate, rtol=1e-6)
+    assert not np.allclose(made.estimate, maps_of(log_of, keys, size=SIZE).estimate, rtol=0.1)
+    with pytest.raises(ReadingsError, match="samples: newest needs the robot"):
+        maps_of(log_of.drop(columns="robot"), {**keys, "samples": "newest"}, size=SIZE)
 
 
 def test_samples_far_from_every_cell_count_as_forgotten():

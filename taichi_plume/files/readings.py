@@ -1,9 +1,9 @@
 """Reader of recorded gas-sensor readings: robots.parquet of a run, a ROS bag or CSV file of real robots, a DataFrame.
 
 A CSV or a DataFrame has the columns t [s], x, y [m] and reading [ppm] and, if known, wind_x, wind_y [m/s], trial
-(integers) and group (names); other columns are ignored. Columns of a CSV are separated by commas, semicolons or tabs.
-Positions and wind of a run are those that the robots believed, from which the run made its maps. Robots of a bag (see
-`bag_readings`) are groups.
+(integers), group and robot (names); other columns are ignored. Columns of a CSV are separated by commas, semicolons or
+tabs. Positions and wind of a run are those that the robots believed, from which the run made its maps. Robots of a bag
+(see `bag_readings`) are groups.
 """
 
 from dataclasses import dataclass
@@ -32,8 +32,11 @@ NAMES = {
     "wind_y": ("wind_y",),
     "trial": ("trial",),
     "group": ("group",),
+    "robot": ("robot",),
 }
 """Accepted column names, preferred names first."""
+TEXTS = ("group", "robot")
+"""Columns of names, all others are numbers."""
 MOST_ROWS = 10_000_000
 NEEDED = ("t", "x", "y", "reading")
 MOST = {"t": 1e13, "x": 1e8, "y": 1e8, "reading": 1e9, "wind_x": 1e4, "wind_y": 1e4}
@@ -49,7 +52,8 @@ class Readings:
     """Gas readings sorted by time: t (n,) [s], place (n, 2) [m], reading (n,) [ppm], wind (n, 2) [m/s], 0 if unknown.
 
     A reading that is no finite number is NaN. row: (n,) row of the file, from 1 on below the header. topics: for a
-    bag, a line for each robot on the topics that were read. path: the file, if any.
+    bag, a line for each robot on the topics that were read. path: the file, if any. robot: (n,) numbers of the robots
+    from 0 on, None if unknown.
     """
 
     t: np.ndarray
@@ -59,6 +63,7 @@ class Readings:
     row: np.ndarray
     topics: tuple[str, ...] = ()
     path: Path | None = None
+    robot: np.ndarray | None = None
 
 
 def read(
@@ -108,7 +113,19 @@ def read(
         row + 1,
         topics,
         file,
+        _robots([known[key][row] for key in TEXTS if key in known]),
     )
+
+
+def _robots(names: list[np.ndarray]) -> np.ndarray | None:
+    """Return the numbers (n,) of the robots with these names, from 0 on; names: columns (n,), whose rows count."""
+    if not names:
+        return None
+    number = np.zeros(len(names[0]), int)
+    for column in names:
+        values, index = np.unique(column.astype(str), return_inverse=True)
+        number = number * len(values) + index
+    return np.unique(number, return_inverse=True)[1]
 
 
 def _bag(
@@ -136,11 +153,12 @@ def _csv(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
     all_names = cells_of(file.lines[0], delimiter)
     names = _picked(path, all_names)
     table = Table(file, file.rows(1), len(all_names), delimiter, gaps=True)
-    keys = [key for key in names if key != "group"]
+    keys = [key for key in names if key not in TEXTS]
     numbers = table.numbers(*(all_names.index(names[key]) for key in keys))
     known = dict(zip(keys, numbers.T, strict=True))
-    if "group" in names:
-        known["group"] = table.texts(all_names.index(names["group"]))
+    for key in TEXTS:
+        if key in names:
+            known[key] = table.texts(all_names.index(names[key]))
     return names, known
 
 
@@ -186,14 +204,14 @@ def _data_frame(path: Path, frame: object) -> tuple[dict[str, str], dict[str, np
 
 
 def _columns(path: Path, table: "pyarrow.Table", names: dict[str, str]) -> dict[str, np.ndarray]:
-    """Return the columns of a pyarrow table by standard key: groups as texts, all others as numbers."""
+    """Return the columns of a pyarrow table by standard key: names as texts, all others as numbers."""
     import pyarrow as pa
 
     known = {}
     for key, name in names.items():
         kind = table[name].type
         try:
-            known[key] = table[name].cast("string" if key == "group" else "float64", safe=False).to_numpy()
+            known[key] = table[name].cast("string" if key in TEXTS else "float64", safe=False).to_numpy()
         except (pa.ArrowException, ValueError):
             raise ReadingsError(f"{path}: {name} must be numbers, not {plain(str(kind))}") from None
     return known

@@ -198,6 +198,10 @@ def map_of(
     fault = model.grid_error("--map", size)
     if fault:
         raise ReadingsError(fault)
+    if vars(model).get("samples") == "newest" and readings.robot is None:
+        raise ReadingsError(
+            "--map.samples: newest needs the robot of each reading, a column 'robot' or 'group'"
+        )
     counted = _counted(readings, size)
     _check_clock(readings, model.window or PERIOD)
     model, chosen = of_log(model, readings, size)
@@ -257,13 +261,17 @@ def _made(
 
     times, starts, robots = np.unique(t, return_index=True, return_counts=True)
     most, window = int(robots.max()), model.window or PERIOD
+    number_of = readings.robot if vars(model).get("samples") == "newest" else None
+    if number_of is not None:
+        most = max(most, int(number_of.max()) + 1)
     team = RecordedTeam(most)
     dt = window / ceil(np.bincount(_number(t, window)).max() / most)  # maps have room for so many readings
     gas_map = mappers([model], Floor(size, 1, most, dt))[0]
 
     def take_in(first: int, last: int, time: float) -> None:
         rows = slice(first, last)
-        team.show(readings.place[rows], readings.wind[rows], readings.reading[rows])
+        robot = None if number_of is None else number_of[rows]
+        team.show(readings.place[rows], readings.wind[rows], readings.reading[rows], robot)
         gas_map.update(team, time, dt)
 
     period = gas_map.window or PERIOD

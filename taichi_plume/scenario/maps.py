@@ -60,6 +60,8 @@ class SnapshotMap(AnyMap):
     """Exponent of the inverse distance: more lets the nearest reading count more."""
     min_distance: Annotated[si.Length, SHAPE] | None = None
     """Smallest distance that counts; unless given, half a cell."""
+    samples: Annotated[Literal["all", "newest"], SHAPE] = "all"
+    """Samples of a snap that count: all, along the robots' paths; or the newest of each robot, one per gas sensor."""
 
     @property
     def least_distance(self) -> float:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 from readers import COUNT, EXTENT, TRIALS, Stock, centers, same
 
 from taichi_plume.agents.gas_map import Floor
@@ -121,10 +122,11 @@ def test_maps_that_share_snaps_are_what_they_are_alone(stock):
         map_models.InverseDistanceMap(kind="inverse_distance"),
         map_models.TimeSeriesMap(kind="time_series", alpha=0.6, raw_samples=True),
         map_models.TimeSeriesMap(kind="time_series", alpha=0.4, beta=0.7),
+        map_models.InverseDistanceMap(kind="inverse_distance", samples="newest"),
     ]
     together = mappers(kinds, FLOOR)
     alone = [mappers([one], FLOOR)[0] for one in kinds]
-    assert len({id(one.snaps) for one in together if isinstance(one, SnapMap)}) == 1
+    assert [id(one.snaps) == id(together[0].snaps) for one in together] == [True] * 4 + [False]
     assert all(isinstance(one, SnapMap) for one in together)
     robots = stock.robots(6)
     for tick in range(1, 70):
@@ -239,3 +241,39 @@ def test_raw_samples_take_the_place_of_cells(stock, time_from, since, shortest):
         assert np.isfinite(S).any()
         same(gas_map.estimate()[trial].ravel(), S)
         same(gas_map.weight()[trial].ravel(), below)
+
+
+@pytest.mark.parametrize("kind", ["inverse_distance", "time_series"])
+def test_one_reading_per_robot_and_snap_is_the_newest(stock, kind):
+    """Eq 1 to 7 with N samples for N robots: the last valid reading of each; robot 1 reads nothing after 3 s of each
+    snap, robot 4 nothing at all in the second.
+    """
+    gas_map = mappers(
+        [TypeAdapter(map_models.Map).validate_python({"kind": kind, "samples": "newest"})], FLOOR
+    )[0]
+    assert isinstance(gas_map, SnapMap)
+    robots, snaps = stock.robots(4), [{} for _ in range(4)]
+    for tick in range(1, 37):
+        robots.wander()
+        t = tick * DT
+        number = int(np.ceil(t / WINDOW)) - 1
+        readings = robots.readings.copy()
+        if t - number * WINDOW > 3.0:
+            readings[1] = np.nan
+        if number == 1:
+            readings[4] = np.inf
+        robots.show(robots.where, readings)
+        gas_map.update(robots, t, DT)
+        for robot, row in enumerate(robots.rows(t)[:, :4]):
+            if np.isfinite(row[3]):
+                snaps[number][robot] = row
+    rows = [np.array(list(of.values())) for of in snaps]
+    assert [len(of) for of in rows[:3]] == [6, 5, 6]
+    assert gas_map.snaps.samples.shape[2] == FLOOR.robots
+    for trial in range(TRIALS):
+        if kind == "inverse_distance":
+            S, weight = interpolated(rows[2], trial)
+        else:
+            S, weight = forecast(rows, 3, trial, 0.9, 0.5)
+        same(gas_map.estimate()[trial].ravel(), S)
+        same(gas_map.weight()[trial].ravel(), weight)
