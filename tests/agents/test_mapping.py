@@ -21,6 +21,7 @@ OF_EACH = [
     ({"kind": "kernel_dmv"}, {"sigma": 0.2, "sigma_omega": 3.0, "wind_stretch": 0.1}),
     ({"kind": "kernel_dmv", "memory": 60, "wind_stretch": 0.25}, {"memory": 3.0, "wind_stretch": 0.0}),
     ({"kind": "gmrf", "window": 5}, {"window": 2, "memory": 7, "lambda_prior": 0.2, "lambda_observation": 3}),
+    ({"kind": "time_series", "samples": "newest"}, {}),
 ]
 every_kind = pytest.mark.parametrize(
     "keys", [keys for keys, _ in OF_EACH], ids=lambda keys: " ".join(map(str, keys.values()))

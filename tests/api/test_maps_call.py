@@ -182,3 +182,17 @@ def test_an_earlier_map_is_replaced_only_by_force(log, tmp_path):
     assert json.loads(contents(out)["scores.json"])["kind"] == "time_series"
     fine.write(out, force=True)
     assert contents(out) == before
+
+
+def test_a_map_has_the_readings_of_all_robots_whatever_they_can_send():
+    """docs/howto/gas_maps.md: range and loss of `communication` act on messages, not on maps."""
+    mute = MAPPED["robots"][0] | {"communication": {"range": 0.01, "loss": 0.99}}
+    far, near = (
+        tp.Simulation(MAPPED | {"maps": [{"kind": "inverse_distance"}], "robots": [robots]})
+        for robots in (mute, MAPPED["robots"][0])
+    )
+    for sim in (far, near):
+        sim.run(until=11)
+    estimates = [np.asarray(sim.loop.maps[0].estimate()) for sim in (far, near)]
+    assert np.isfinite(estimates[0]).all()
+    np.testing.assert_array_equal(estimates[0], estimates[1])
