@@ -23,6 +23,7 @@ from taichi_plume.assembly.assemble import assemble
 from taichi_plume.grid import fields
 from taichi_plume.grid.grid import centers
 from taichi_plume.scoring import trials as scores
+from taichi_plume.scoring.map_quality import gradient_to_source, relative_change
 from taichi_plume.scoring.maps import LOOKS
 from taichi_plume.scoring.trials import SETTLED
 from taichi_plume.time_loop import Every, TimeLoop
@@ -140,7 +141,8 @@ class Fared(NamedTuple):
 
     times: ends of the counted snapshots of WINDOW [s]. errors: by window, (maps, snapshots, teams) [ppm] by eq 8.
     off, alike, peak: (maps, snapshots, teams) of WINDOW: error against the true mean gas since the start [ppm],
-    correlation with it, distance of the peak from the source [m]. passed: first time of a robot within NEAR of the
+    correlation with it, distance of the peak from the source [m]. towards, change: of WINDOW, see `gradient_to_source`
+    and `relative_change`. passed: first time of a robot within NEAR of the
     source [s], inf if none. correlation, scatter, endless: see `persistence`. met: share of time in gas. way: path per
     robot and snapshot [m].
     """
@@ -150,6 +152,8 @@ class Fared(NamedTuple):
     off: np.ndarray
     alike: np.ndarray
     peak: np.ndarray
+    towards: np.ndarray
+    change: np.ndarray
     passed: np.ndarray
     correlation: np.ndarray
     scatter: np.ndarray
@@ -171,7 +175,8 @@ class Scorer:
         self.robot_of = np.repeat(np.arange(len(teams)), [group.count for group in self.groups])
         self.points = np.concatenate([centers(self.shape, CELL), np.full((*self.shape, 1), HEIGHT)], axis=-1)
         self.sum, self.looks = np.zeros((*self.shape, len(SOURCES))), 0
-        self.scores: list[np.ndarray] = []  # (3, maps, teams)
+        self.scores: list[np.ndarray] = []  # (5, maps, teams)
+        self.before: np.ndarray | None = None  # estimates of the snapshot before, (maps, teams, nx, ny)
         self.interpolated: list[np.ndarray] = []  # (teams, nx, ny)
         self.met, self.near, self.ticks = np.zeros(len(self.robot_of)), np.full(len(teams), np.inf), 0
         self.driven = np.zeros(len(self.robot_of))
@@ -200,13 +205,17 @@ class Scorer:
         """Compare the maps with the true mean gas at the end of a snapshot."""
         truth = self.sum / self.looks
         estimates = np.stack([np.asarray(gas_map.estimate())[self.rows] for gas_map in self.maps])
-        values = np.full((3, *estimates.shape[:2]), np.nan)
+        values = np.full((5, *estimates.shape[:2]), np.nan)
         for gas, source in enumerate(SOURCES):
             mine = self.of == gas
             for n, estimate in enumerate(estimates[:, mine]):
                 score = scores.map_score(estimate, truth[..., gas])
                 peak = scores.peak_distance(estimate, CELL, np.array([source]))
-                values[:, n, mine] = score.mae, score.correlation, peak
+                towards = gradient_to_source(estimate, CELL, np.array(source))
+                values[:4, n, mine] = score.mae, score.correlation, peak, towards
+        if self.before is not None:
+            values[4] = [relative_change(*pair) for pair in zip(self.before, estimates, strict=True)]
+        self.before = estimates
         self.scores.append(values)
         self.interpolated.append(estimates[0])
 
@@ -214,14 +223,12 @@ class Scorer:
         """Return the maps' errors of all teams at the end of the run."""
         ends = WINDOW * np.arange(len(self.scores))
         counted = ends > SETTLED + 1e-6
-        off, alike, peak = np.stack(self.scores, axis=2)[:, :, counted]
+        of_maps = np.stack(self.scores, axis=2)[:, :, counted]
         per_robot = np.bincount(self.robot_of)
         return Fared(
             ends[counted],
             {window: self._errors(sim, window) for window in WINDOWS},
-            off,
-            alike,
-            peak,
+            *of_maps,
             self.near,
             *persistence(np.stack(self.interpolated)[counted]),
             np.bincount(self.robot_of, self.met) / per_robot / self.ticks,
