@@ -34,6 +34,9 @@ DURATION = 300.0  # s; alpha = 0.98 looks back 250 s
 TICK = 0.2  # s
 WINDOW = 5.0  # s, in the paper
 WINDOWS = (WINDOW, 2.5, 10.0)
+STOP = 120.0  # s, of a source that stops under a map
+CHANGED_DURATION = {"stops": 180.0, "slows": DURATION}  # s
+"""Durations of the runs with a source that stops at STOP, or slows from the highest to the lowest published rate."""
 CELL = 0.25  # m, of the maps
 ALPHAS = (0.4, 0.6, 0.8, 0.9, 0.95, 0.98)
 SOURCES = ((1.7, 2.0), (2.5, 1.2))
@@ -62,6 +65,16 @@ NAVIGATIONS: dict[str, Keys] = {
 }
 
 
+READINGS: dict[str, Keys] = {
+    "age from the forecast snap": {"time_from": "forecast"},
+    "one reading per robot and snap": {"samples": "newest"},
+}
+"""Readings of the paper's text that are not our defaults, as keys of maps."""
+BEST = 0.9  # alpha of the least error in the paper
+BETAS = (0.25, 0.5, 1.0, 2.0)  # with BEST: 0.28 m, 25 s to 2.2 m, 200 s; the arena is 4 x 3 m
+PAPER = (0.1, "MiCS-5524")  # speed [m/s] and sensor that we assume for the paper
+
+
 class Team(NamedTuple):
     """Team of robots: navigation, speed [m/s], sensor and position of the source [m]."""
 
@@ -72,15 +85,27 @@ class Team(NamedTuple):
 
 
 TEAMS = tuple(Team(*row) for row in product(NAVIGATIONS, SPEEDS, SENSORS, SOURCES))
+PAPER_TEAMS = tuple(Team(navigation, *PAPER, source) for navigation, source in product(NAVIGATIONS, SOURCES))
 
 
-def maps(window: float) -> list[Keys]:
-    """Return map sections: pure interpolation, and a time series for each of ALPHAS."""
-    how = {"cell": CELL, "window": window}
+def maps(window: float, reading: Keys | None = None) -> list[Keys]:
+    """Return map sections: pure interpolation, and a time series for each of ALPHAS; reading: further keys."""
+    how, reading = {"cell": CELL, "window": window}, reading or {}
+    of_snaps = {key: value for key, value in reading.items() if key == "samples"}
     return [
-        {"kind": "inverse_distance"} | how,
-        *({"kind": "time_series", "alpha": alpha} | how for alpha in ALPHAS),
+        {"kind": "inverse_distance"} | how | of_snaps,
+        *({"kind": "time_series", "alpha": alpha} | how | reading for alpha in ALPHAS),
     ]
+
+
+def map_sets() -> dict[float | str, list[Keys]]:
+    """Return the map sections of a run: `maps` by window and by reading, and time series of BEST by BETAS, "beta"."""
+    of_beta = {"kind": "time_series", "cell": CELL, "window": WINDOW, "alpha": BEST}
+    return {
+        **{window: maps(window) for window in WINDOWS},
+        **{name: maps(WINDOW, reading) for name, reading in READINGS.items()},
+        "beta": [of_beta | {"beta": beta} for beta in BETAS],
+    }
 
 
 def remembering_alphas(window: float) -> tuple[float, ...]:
@@ -107,8 +132,20 @@ def robots(number: int, team: Team) -> Keys:
     }
 
 
-def arena(air: int = 0, teams: Sequence[Team] = TEAMS, duration: float = DURATION) -> Keys:
-    """Return the scenario of the arena with these teams in one air, as keys of a YAML file."""
+def emitting(source: Keys, change: str = "") -> list[Keys]:
+    """Return the sources, as keys, that emit 20 mg/s; or until STOP if it "stops"; or in steps from 30 to 10 mg/s, as
+    a bubbler that cools, if it "slows".
+    """
+    if change == "slows":
+        ends = DURATION * np.arange(1, 5) / 5
+        parts = [{"rate": "10 mg/s"}, *({"rate": "5 mg/s", "stop": float(end)} for end in ends)]
+    else:
+        parts = [{"rate": "20 mg/s"} | ({"stop": STOP} if change == "stops" else {})]
+    return [source | part for part in parts]
+
+
+def arena(air: int = 0, teams: Sequence[Team] = TEAMS, duration: float = DURATION, change: str = "") -> Keys:
+    """Return the scenario of the arena with these teams in one air, as keys of a YAML file; change: see `emitting`."""
     species = (GASES[0], {"name": GASES[1], "molar_mass": 0.05808, "diffusivity": 1.1e-5})
     return {
         "name": "odor_mapping",
@@ -125,35 +162,37 @@ def arena(air: int = 0, teams: Sequence[Team] = TEAMS, duration: float = DURATIO
                     "kind": "puffs",
                     "species": gas,
                     "release_rate": 100,
-                    "sources": [{"position": (*source, HEIGHT), "rate": "20 mg/s", "radius": 0.03}],
+                    "sources": emitting({"position": (*source, HEIGHT), "radius": 0.03}, change),
                 }
                 for gas, source in zip(species, SOURCES, strict=True)
             ],
         },
         "robots": [robots(number, team) for number, team in enumerate(teams)],
         "rivals": True,
-        "maps": [keys for window in WINDOWS for keys in maps(window)],
+        "maps": [keys for sections in map_sets().values() for keys in sections],
     }
 
 
 class Fared(NamedTuple):
     """Errors of the maps of all teams in an air, `teams` on the last axis.
 
-    times: ends of the counted snapshots of WINDOW [s]. errors: by window, (maps, snapshots, teams) [ppm] by eq 8.
+    times: ends of the counted snapshots of WINDOW [s]. errors: by key of `map_sets`, (maps, snapshots, teams) [ppm] by
+    eq 8.
     off, alike, peak: (maps, snapshots, teams) of WINDOW: error against the true mean gas since the start [ppm],
     correlation with it, distance of the peak from the source [m]. towards, change: of WINDOW, see `gradient_to_source`
-    and `relative_change`. passed: first time of a robot within NEAR of the
+    and `relative_change`. level: of WINDOW, mean over the cells [ppm]. passed: first time of a robot within NEAR of the
     source [s], inf if none. correlation, scatter, endless: see `persistence`. met: share of time in gas. way: path per
     robot and snapshot [m].
     """
 
     times: np.ndarray
-    errors: dict[float, np.ndarray]
+    errors: dict[float | str, np.ndarray]
     off: np.ndarray
     alike: np.ndarray
     peak: np.ndarray
     towards: np.ndarray
     change: np.ndarray
+    level: np.ndarray
     passed: np.ndarray
     correlation: np.ndarray
     scatter: np.ndarray
@@ -175,7 +214,7 @@ class Scorer:
         self.robot_of = np.repeat(np.arange(len(teams)), [group.count for group in self.groups])
         self.points = np.concatenate([centers(self.shape, CELL), np.full((*self.shape, 1), HEIGHT)], axis=-1)
         self.sum, self.looks = np.zeros((*self.shape, len(SOURCES))), 0
-        self.scores: list[np.ndarray] = []  # (5, maps, teams)
+        self.scores: list[np.ndarray] = []  # (6, maps, teams)
         self.before: np.ndarray | None = None  # estimates of the snapshot before, (maps, teams, nx, ny)
         self.interpolated: list[np.ndarray] = []  # (teams, nx, ny)
         self.met, self.near, self.ticks = np.zeros(len(self.robot_of)), np.full(len(teams), np.inf), 0
@@ -205,7 +244,7 @@ class Scorer:
         """Compare the maps with the true mean gas at the end of a snapshot."""
         truth = self.sum / self.looks
         estimates = np.stack([np.asarray(gas_map.estimate())[self.rows] for gas_map in self.maps])
-        values = np.full((5, *estimates.shape[:2]), np.nan)
+        values = np.full((6, *estimates.shape[:2]), np.nan)
         for gas, source in enumerate(SOURCES):
             mine = self.of == gas
             for n, estimate in enumerate(estimates[:, mine]):
@@ -215,6 +254,7 @@ class Scorer:
                 values[:4, n, mine] = score.mae, score.correlation, peak, towards
         if self.before is not None:
             values[4] = [relative_change(*pair) for pair in zip(self.before, estimates, strict=True)]
+        values[5] = estimates.mean(axis=(2, 3))
         self.before = estimates
         self.scores.append(values)
         self.interpolated.append(estimates[0])
@@ -223,24 +263,30 @@ class Scorer:
         """Return the maps' errors of all teams at the end of the run."""
         ends = WINDOW * np.arange(len(self.scores))
         counted = ends > SETTLED + 1e-6
-        of_maps = np.stack(self.scores, axis=2)[:, :, counted]
+        off, alike, peak, towards, change, level = np.stack(self.scores, axis=2)[:, :, counted]
         per_robot = np.bincount(self.robot_of)
         return Fared(
             ends[counted],
-            {window: self._errors(sim, window) for window in WINDOWS},
-            *of_maps,
+            self._errors(sim),
+            off,
+            alike,
+            peak,
+            towards,
+            change,
+            level,
             self.near,
             *persistence(np.stack(self.interpolated)[counted]),
             np.bincount(self.robot_of, self.met) / per_robot / self.ticks,
             np.bincount(self.robot_of, self.driven) / per_robot / (sim.t / WINDOW),
         )
 
-    def _errors(self, sim: TimeLoop, window: float) -> np.ndarray:
-        """Return the forecast errors of the counted snapshots of a window [s], (maps, snapshots, teams)."""
-        of_maps = [list(gas_map.errors) for gas_map in sim.maps if gas_map.window == window]
-        return np.array([[error for t, error in errors if t > SETTLED + 1e-6] for errors in of_maps])[
-            ..., self.rows
-        ]
+    def _errors(self, sim: TimeLoop) -> dict[float | str, np.ndarray]:
+        """Return the forecast errors of the counted snapshots, (maps, snapshots, teams), by key of `map_sets`."""
+        sections, each = iter(sim.maps), {}
+        for name, part in map_sets().items():
+            of_maps = [[error for t, error in next(sections).errors if t > SETTLED + 1e-6] for _ in part]
+            each[name] = np.array(of_maps)[..., self.rows]
+        return each
 
 
 def persistence(snapshots: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -262,13 +308,17 @@ def persistence(snapshots: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 @cache
-def in_airs(airs: int) -> tuple[Fared, ...]:
-    """Run all teams in each of several airs and return their errors."""
-    sim, results = assemble(scenario_of(arena(0, TEAMS, DURATION))), []
+def in_airs(airs: int, change: str = "") -> tuple[Fared, ...]:
+    """Run all teams, or PAPER_TEAMS if the sources change, in each of several airs and return their errors.
+
+    change: see `emitting`.
+    """
+    teams, duration = (PAPER_TEAMS, CHANGED_DURATION[change]) if change else (TEAMS, DURATION)
+    sim, results = assemble(scenario_of(arena(0, teams, duration, change))), []
     for air in range(airs):
         if air:
-            sim.reset(scenario_of(arena(air, TEAMS, DURATION)))
-        scorer = Scorer(sim, TEAMS)
+            sim.reset(scenario_of(arena(air, teams, duration, change)))
+        scorer = Scorer(sim, teams)
         sim.run()
         results.append(scorer.fared(sim))
     return tuple(results)

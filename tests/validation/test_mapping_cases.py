@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,11 +14,15 @@ from taichi_plume.scenario.maps import TimeSeriesMap
 from taichi_plume.validation import mapping_cases, mapping_scenario, mapping_whiffs
 from taichi_plume.validation.case import Curve
 from taichi_plume.validation.experiment import Lines, Mean
-from taichi_plume.validation.mapping_cases import ALPHAS, chosen, least, worst
+from taichi_plume.validation.mapping_cases import ALPHAS, chosen, forecasts, least, levels, of_length, worst
 from taichi_plume.validation.mapping_scenario import (
+    BEST,
+    BETAS,
     GASES,
+    READINGS,
     SOURCES,
     TEAMS,
+    WINDOW,
     WINDOWS,
     Team,
     arena,
@@ -77,6 +83,48 @@ def test_alphas_that_remember_see_two_past_snaps(window, count):
     assert len(remembering_alphas(window)) == count
 
 
+@pytest.mark.parametrize(
+    ("change", "rates"),
+    [("", [20] * 6), ("stops", [20, 20, 0, 0, 0, 0]), ("slows", [30, 25, 20, 20, 15, 10])],
+)
+def test_sources_stop_or_slow_to_the_published_rate(change, rates):
+    """Rates [mg/s] at 30, 90, 130, 170, 230 and 290 s, of each of the two gases."""
+    for _, gas in scenario_of(arena(0, TEAMS[:1], change=change)).gases:
+        emitted = [
+            sum(source.rate or 0.0 for source in gas.sources if source.stop is None or t < source.stop)
+            for t in (30.0, 90.0, 130.0, 170.0, 230.0, 290.0)
+        ]
+        assert np.array(emitted) * 1e6 == pytest.approx(rates)
+
+
+def test_series_count_up_to_their_length():
+    """Errors that are 1 at first and 3 from 80 s on, of pure interpolation always 2."""
+    times = np.arange(35.0, 121.0, 5.0)
+    errors = np.full((7, len(times), 1), 2.0)
+    errors[4] = np.where(times < 80.0, 1.0, 3.0)[:, None]
+    runs: Any = [SimpleNamespace(times=times, errors={5.0: errors})] * 3
+    short, whole = (of_length(runs, np.array([0]), 5.0, last) for last in (75.0, 120.0))
+    assert short.shape == (7, 3)
+    assert (short[4] == 1.0).all()
+    assert whole[4] == pytest.approx(2.0)
+    found = forecasts(short, "maps", 75.0)
+    assert found["maps, 75 s: alpha of the least error"].mean == ALPHAS[3]
+    assert found[f"maps, 75 s: alpha 0.9 / {mapping_cases.PURE}"].mean == 0.5
+
+
+def test_levels_are_means_within_an_interval():
+    """Of a map that falls by 1 ppm per snap: 7 + 6 + 5 + 4 + 3 + 2, and the last snap alone."""
+    times = np.array([35.0, 40.0, 45.0, 50.0, 55.0, 60.0])
+    runs: Any = [
+        SimpleNamespace(
+            times=times, level=np.stack([np.zeros((6, 2)), np.array([7.0, 6, 5, 4, 3, 2])[:, None] + [0, 2]])
+        )
+    ]
+    assert levels(runs, np.array([0]), 1, 30.0, 60.0) == pytest.approx([4.5])
+    assert levels(runs, np.array([0, 1]), 1, 55.0, 60.0) == pytest.approx([3.0])
+    assert levels(runs, np.array([0]), 0, 30.0, 60.0) == pytest.approx([0.0])
+
+
 def test_teams_are_chosen_by_what_they_are():
     assert len(chosen("DAPSO")) == len(TEAMS) // 2
     (one,) = chosen("line-up", 0.2, "no lag", (2.5, 1.2))
@@ -124,6 +172,10 @@ def test_a_short_run_tells_everything(monkeypatch):
     for module in (mapping_scenario, mapping_cases):
         monkeypatch.setattr(module, "TEAMS", short)
     monkeypatch.setattr(mapping_scenario, "DURATION", 40.0)
+    monkeypatch.setattr(mapping_scenario, "CHANGED_DURATION", {"stops": 95.0, "slows": 40.0})
+    for module in (mapping_scenario, mapping_cases):
+        monkeypatch.setattr(module, "STOP", 35.0)
+    monkeypatch.setattr(mapping_cases, "AFTER", (5.0, 60.0))
     monkeypatch.setattr(mapping_cases, "SPEEDS", (mapping_cases.PAPER[0],))
     monkeypatch.setattr(mapping_cases, "SENSORS", (mapping_cases.PAPER[1],))
     monkeypatch.setattr(mapping_whiffs, "CASES", mapping_whiffs.CASES[:1])
@@ -141,6 +193,11 @@ def test_a_short_run_tells_everything(monkeypatch):
     assert first.times == pytest.approx([35.0, 40.0])
     assert not np.array_equal(first.errors[5.0], second.errors[5.0])
     assert [first.errors[window].shape for window in WINDOWS] == [(7, 2, 4), (7, 4, 4), (7, 1, 4)]
+    assert [first.errors[name].shape for name in READINGS] == [(7, 2, 4), (7, 2, 4)]
+    here, there = first.errors["beta"][BETAS.index(0.5)], first.errors[WINDOW][1 + ALPHAS.index(BEST)]
+    np.testing.assert_array_equal(here, there)  # the same map
+    np.testing.assert_array_equal(first.errors["age from the forecast snap"][0], first.errors[WINDOW][0])
+    assert not np.array_equal(first.errors["age from the forecast snap"][1:], first.errors[WINDOW][1:])
     assert (first.passed <= 40.0).any()
     assert (first.way > 0.0).all()
     assert ((first.met >= 0.0) & (first.met <= 1.0)).all()
