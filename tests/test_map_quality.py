@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from taichi_plume.scoring.map_quality import BEFORE, FEW, gradient_to_source, recovered_jumps, relative_change
+from taichi_plume.scoring.map_quality import (
+    BEFORE,
+    RECOVERY,
+    gradient_to_source,
+    recovered_jumps,
+    relative_change,
+)
 
 CELL, SHAPE = 0.25, (16, 12)
 CENTERS = (np.indices(SHAPE).transpose(1, 2, 0) + 0.5) * CELL
@@ -65,5 +71,5 @@ def series(*late):
     ],
 )
 def test_jumps_and_recoveries_are_counted(errors, changes, expected):
-    assert FEW == 3
+    assert RECOVERY == 3
     assert recovered_jumps(series(*errors), series(*changes)) == expected

@@ -2,8 +2,8 @@
 
 Published results: by eq 8 every time series forecasts the readings of the next snapshot better than pure interpolation
 of the last, best with alpha = 0.9, with both navigations. The overall map has its peak at the source,
-its gradient leads to the source at most times and places, it is stable, and its error recovers within a few snapshots
-after a jump, which that of pure interpolation does not (section III-4). `scoring/map_quality` has our definitions.
+and its gradient leads there at most times and places. The map is stable. After a jump its error recovers within a few
+snapshots, that of pure interpolation does not (section III-4). `scoring/map_quality` has our definitions.
 `mapping_scenario` lists what is taken from the paper and what is assumed here. The paper does not state how its mean
 errors are normalised; ours are over that of pure interpolation. For alpha = 0.95 the paper lists [0.52 m, 250 s]. By
 its own equations the length belongs to 0.95 (time 100 s), the time to 0.98 (length 0.51 m); both are run here.

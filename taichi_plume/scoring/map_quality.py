@@ -9,7 +9,7 @@ from taichi_plume.scoring.trials import mean_of
 
 BEFORE = 6  # snapshots before a jump that give the usual error: 30 s of 5 s each
 JUMP = 2.0  # change of a snapshot over the median of the changes before, from which it is a jump
-FEW = 3  # snapshots within which an error has to recover
+RECOVERY = 3  # snapshots within which an error has to recover
 
 
 def gradient_to_source(estimate: np.ndarray, cell: float, source: np.ndarray) -> np.ndarray:
@@ -45,16 +45,16 @@ def recovered_jumps(errors: np.ndarray, changes: np.ndarray) -> tuple[int, int]:
     errors: (snapshots,) forecast errors of the map by eq 8; changes: (snapshots,) changes of the gathered data, the
     forecast errors of pure interpolation. A jump is a change of at least JUMP times the median of the BEFORE changes
     before, at which the map's error exceeds its own median over the same snapshots. The error recovers if one of the
-    FEW snapshots after the jump has at most the mean of this median and the error at the jump. A jump within FEW
-    snapshots after another one, or before the end, does not count.
+    RECOVERY snapshots after the jump has at most the mean of this median and the error at the jump. A jump within
+    RECOVERY snapshots after another one, or before the end, does not count.
     """
     jumps = recovered = 0
     n = BEFORE
-    while n + FEW < len(errors):
+    while n + RECOVERY < len(errors):
         usual = np.median(errors[n - BEFORE : n])
         if changes[n] >= JUMP * np.median(changes[n - BEFORE : n]) and errors[n] > usual:
             jumps += 1
-            recovered += int((errors[n + 1 : n + 1 + FEW] <= 0.5 * (usual + errors[n])).any())
-            n += FEW
+            recovered += int((errors[n + 1 : n + 1 + RECOVERY] <= 0.5 * (usual + errors[n])).any())
+            n += RECOVERY
         n += 1
     return recovered, jumps
