@@ -29,10 +29,11 @@ class GasSensors:
     """Gas sensors of several groups, one per robot, all of the same law. Written: `true_ppm`, `reading`, `resistance`.
 
     slot: number of the sensor on each robot, from 0 on, which ends the column names of further sensors. dim: dimension
-    of the gas grid; in 3-D the sensors sit at their heights. tick: control period [s]. species: of the gas.
+    of the gas grid; in 3-D the sensors sit at their heights. tick: control period [s]. species: of the gas. fluctuates:
+    whether the gas has unresolved fluctuations.
     """
 
-    STATE = ("signal", "slow", "sum", "baseline")
+    STATE: tuple[str, ...] = ("signal", "slow", "sum", "baseline")
 
     def __init__(
         self,
@@ -42,8 +43,10 @@ class GasSensors:
         tick: float,
         species: Sequence[Species],
         slot: int = 0,
+        fluctuates: bool = False,
     ):
         self.members, self.swarm, self.dim, self.species = members, members.swarm, dim, len(species)
+        self.fluctuates, self.tick = fluctuates, tick
         self.first = slot == 0
         n = members.size
         self.law = law(members, slot)
@@ -60,6 +63,9 @@ class GasSensors:
         self.slow = ti.field(ti.f32, n)  # signal of the slowly decaying part
         self.sum = ti.field(ti.f32, n)  # sum of the tick means since the last reading
         self.baseline = ti.field(ti.f32, n)  # drift of y
+        if fluctuates:
+            self.fluctuation = ti.field(ti.f32, n)  # of the logarithm of the gas, of unit variance
+            self.STATE = (*self.STATE, "fluctuation")
 
     @ti.func
     def _follow(self, signal: Template, n, goal, decay, decay_rest):
@@ -71,10 +77,12 @@ class GasSensors:
 
     @ti.func
     def draw(self, n, tick):
-        """Return normal deviates of sensor n: for noise of samples, drift, and noise of readings."""
+        """Return normal deviates of sensor n: for noise of samples, drift, noise of readings, and fluctuations of the
+        gas.
+        """
         key, number, now = self.swarm.counter(self.members.robot[n], self.members.number[n], tick)
         g = normal4(key, self.p.stream[n], number, now, 0)
-        return g[0], g[1], g[2]
+        return g[0], g[1], g[2], g[3]
 
     @ti.func
     def place(self, n, i):
@@ -93,14 +101,19 @@ class GasSensors:
         return x
 
     @ti.func
-    def exposure(self, gas: Template, n, i, t):
-        """Return the gas [ppm] at sensor n of robot i at time t [s], summed with its sensitivity to each species."""
+    def exposure(self, gas: Template, n, i, t, tick, deviate):
+        """Return the gas [ppm] at sensor n of robot i at time t [s], summed with its sensitivity to each species.
+
+        deviate: normal deviate from `draw`, for the gas's unresolved fluctuations.
+        """
         x = self.place(n, i)
         ppm = ti.Vector.zero(ti.f32, self.species)
         if ti.static(not self.swarm.apart):
             ppm = ti.max(gas.ppm(x, t), 0.0)
         else:
             ppm = ti.max(gas.ppm_of(i, x, t), 0.0)
+        if ti.static(self.fluctuates):
+            ppm *= self._fluctuations(ppm, gas, n, i, x, t, tick, deviate)
         self.true_ppm[i] = ppm.sum()  # type: ignore[misc]
         smelt = 0.0
         for s in ti.static(range(self.species)):
@@ -110,6 +123,22 @@ class GasSensors:
                     felt = exp(self.p.powers[n, s] * log(1.0 + ppm[s] * self.p.per_c1[n, s])) - 1.0
             smelt += self.p.weights[n, s] * felt
         return smelt
+
+    @ti.func
+    def _fluctuations(self, ppm: Template, gas: Template, n, i, x: Template, t, tick, deviate):
+        """Return the gas of each species with its unresolved fluctuations over its mean ppm, log-normal about 1.
+
+        Their logarithm follows an Ornstein-Uhlenbeck process, one for all species.
+        """
+        v = ti.Vector.zero(ti.f32, self.dim)
+        for d in ti.static(range(2)):
+            v[d] = self.swarm.velocity[i][d]
+        kept = ti.select(tick == 1, 0.0, exp(-self.tick * gas.turnover(x, v, t)))
+        y = kept * self.fluctuation[n] + ti.sqrt(1.0 - kept * kept) * deviate
+        self.fluctuation[n] = y
+        relative = gas.deviation(x, t) / ti.max(ppm, 1e-20)
+        variance = ti.log(1.0 + relative * relative)
+        return ti.exp(ti.sqrt(variance) * y - 0.5 * variance)
 
     @ti.func
     def renew(self, n, unit):

@@ -31,8 +31,6 @@ FASTEST = 1e-6  # s, smallest time constant
 class HeatedSensors(GasSensors):
     """Metal-oxide gas sensors with heater cycles, of several groups; arguments as for `GasSensors`."""
 
-    STATE = (*GasSensors.STATE, "held", "slow_held")
-
     def __init__(
         self,
         members: Members,
@@ -41,8 +39,10 @@ class HeatedSensors(GasSensors):
         tick: float,
         species: Sequence[Species],
         slot: int = 0,
+        fluctuates: bool = False,
     ):
-        super().__init__(members, law, dim, tick, species, slot)
+        super().__init__(members, law, dim, tick, species, slot, fluctuates)
+        self.STATE = (*self.STATE, "held", "slow_held")
         self.cycle = Parameters(members, partial(_cycle, tick, slot))
         self.held = ti.field(ti.f32, members.size)  # y at the end of the last hot part
         self.slow_held = ti.field(ti.f32, members.size)

@@ -123,7 +123,7 @@ class LineSensors(GasSensors):
         return end
 
     @ti.func
-    def exposure(self, gas: Template, n, i, t):
+    def exposure(self, gas: Template, n, i, t, tick, deviate):
         """Return the gas integral along the beam of sensor n, on robot i, at time t [s], by species weights [ppm m]."""
         x, e = self.place(n, i), self.direction(n, i, t)
         end = self.reach(n, x, e)

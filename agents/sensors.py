@@ -26,7 +26,8 @@ class Sensors:
 
     The first gas sensors are measured with the anemometers (`vanes`), each further gas sensor (`others`) in its own
     launch. dim: dimension of gas and wind; in 3-D the sensors sit at their heights. tick: control period [s]. species:
-    of the gas. around: returns the surfaces that stop laser beams; called only if there are lasers.
+    of the gas. around: returns the surfaces that stop laser beams; called only if there are lasers. fluctuates: whether
+    point sensors feel unresolved fluctuations of the gas.
     """
 
     STATE: tuple[str, ...] = ("noses", "vanes")
@@ -38,6 +39,7 @@ class Sensors:
         tick: float,
         species: Sequence[Species],
         around: Callable[[], Surroundings] | None = None,
+        fluctuates: bool = False,
     ):
         self.count = swarm.count
         self.strip = STRIP if on_cpu() else 1
@@ -53,7 +55,7 @@ class Sensors:
             if law == "line":
                 made[slot, law, cycled] = LineSensors(*all_alike, cast(Surroundings, stops))
             else:
-                made[slot, law, cycled] = (HeatedSensors if cycled else GasSensors)(*all_alike)
+                made[slot, law, cycled] = (HeatedSensors if cycled else GasSensors)(*all_alike, fluctuates)
         self.noses = tuple(sensor for (slot, *_), sensor in made.items() if slot == 0)
         self.vanes = tuple(Anemometers(some, dim, tick) for (slot, *_), some in members.items() if slot == 0)
         self.others = tuple(sensor for (slot, *_), sensor in made.items() if slot > 0)
@@ -99,12 +101,12 @@ class Sensors:
         last = sensor.members.size - 1
         count = ti.min(self.strip, last + 1 - first)
         noise, drift = ti.Vector([0.0] * self.strip), ti.Vector([0.0] * self.strip)
-        own = ti.Vector([0.0] * self.strip)
+        own, fluctuation = ti.Vector([0.0] * self.strip), ti.Vector([0.0] * self.strip)
         across, along = ti.Vector([0.0] * self.strip), ti.Vector([0.0] * self.strip)
         y, r = ti.Vector([0.0] * self.strip), ti.Vector([0.0] * self.strip)
         for m in range(self.strip):
             n = ti.min(first + m, last)
-            noise[m], drift[m], own[m] = sensor.draw(n, tick)
+            noise[m], drift[m], own[m], fluctuation[m] = sensor.draw(n, tick)
             if ti.static(sensor.first):
                 across[m], along[m] = anemometer.draw(n, tick)
         for m in range(count):
@@ -112,7 +114,7 @@ class Sensors:
             i = sensor.members.robot[n]
             if sensor.swarm.takes_part(i):
                 now, at = sensor.swarm.clock(i, tick, t)
-                y[m] = sensor.exposure(gas, n, i, at)
+                y[m] = sensor.exposure(gas, n, i, at, now, fluctuation[m])
                 if ti.static(sensor.first):
                     anemometer.measure(wind, n, i, now, at, ti.Vector([across[m], along[m]]))
         for m in range(self.strip):

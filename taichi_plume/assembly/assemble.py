@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.grid.blas import one_blas_thread
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.grid.cut_cells import Air, air_of, sealed
-from taichi_plume.grid.fields import Faces, Gas, Mixture, Wind
+from taichi_plume.grid.fields import Faces, Gas, GridGas, Mixture, Wind
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.layers import Layers
 from taichi_plume.grid.level_set import LevelSet
@@ -50,6 +50,7 @@ from taichi_plume.solvers.openings import opening_cells, periodic_axes
 from taichi_plume.solvers.playback import TickFilm, TickGas, TickWind
 from taichi_plume.solvers.screens import Resistance
 from taichi_plume.solvers.transport import Scalar
+from taichi_plume.solvers.unresolved import Unresolved
 from taichi_plume.time_loop import TimeLoop
 
 LARGE = 100_000  # cells of a simulation whose memory is freed before the next is built
@@ -104,10 +105,19 @@ def build(
     weighing = [BuoyantScalar(scalar.q, weights[path], scalar.source) for path, scalar in scalars.items()]
     context = Context(scenario, resources, grid, air, scalars, weighing, _stirring(scenario, swarm, grid))
     wind = _wind(context, film)
-    gas = Mixture([_gas(context, path, model, wind, film) for path, model in scenario.gases])
+    gases = [_gas(context, path, model, wind, film) for path, model in scenario.gases]
+    fluctuating = [getattr(model, "fluctuations", False) for _, model in scenario.gases]
+    gas = Mixture(
+        gases,
+        [
+            Unresolved(cast(GridGas, one), wind) if on else None
+            for one, on in zip(gases, fluctuating, strict=True)
+        ],
+    )
     if film is None:
         set_initial_conditions(scenario, resources, wind, gas.gases)
-    sensors = Sensors(swarm, grid.dim, scenario.tick, gas.species, partial(_around, scenario, grid, air))
+    around = partial(_around, scenario, grid, air)
+    sensors = Sensors(swarm, grid.dim, scenario.tick, gas.species, around, gas.fluctuates)
     try:
         driving = teams(swarm, scenario.tick, own, networks, recorded, running.teams if running else ())
     except NetworkError as error:

@@ -198,12 +198,16 @@ class Odour(Protocol):
 
 
 class Mixture:
-    """All gases of a run together, an `Odour`; gases of the same species add up."""
+    """All gases of a run together, an `Odour`; gases of the same species add up. unresolved: see `solvers.unresolved`,
+    for each gas, None for those without.
+    """
 
     STATE = ("gases",)
 
-    def __init__(self, gases: Sequence[Gas]):
-        self.gases = tuple(gases)
+    def __init__(self, gases: Sequence[Gas], unresolved: Sequence[Any] = ()):
+        self.gases, self.unresolved = tuple(gases), tuple(unresolved) or (None,) * len(gases)
+        self._stirred = tuple(g for g, one in enumerate(self.unresolved) if one is not None)
+        self.fluctuates = bool(self._stirred)
         self.species = tuple(dict.fromkeys(gas.species for gas in gases))
         self._which = tuple(self.species.index(gas.species) for gas in gases)
         self._ppm_per_density = ti.filled([gas.species.ppm_per_density for gas in gases])
@@ -224,6 +228,19 @@ class Mixture:
         for g in ti.static(range(len(self.gases))):
             result[self._which[g]] += self.gases[g].concentration(x, t) * self._ppm_per_density[g]
         return result
+
+    @ti.func
+    def deviation(self, x: Template, t: float):
+        """Return the standard deviation [ppm] of the unresolved fluctuations of each species, as a vector."""
+        square = ti.Vector.zero(ti.f32, ti.static(len(self.species)))
+        for g in ti.static(self._stirred):
+            square[self._which[g]] += (self.unresolved[g].deviation(x, t) * self._ppm_per_density[g]) ** 2
+        return ti.sqrt(square)
+
+    @ti.func
+    def turnover(self, x: Template, v: Template, t: float):
+        """Return the rate [1/s] at which a sensor at x [m] with velocity v [m/s] forgets fluctuations."""
+        return self.unresolved[self._stirred[0]].turnover(x, v, t)
 
 
 @ti.func

@@ -44,6 +44,9 @@ class EulerianGas(OneGas):
     """Gas in the air that flows in through openings; unless named, it is clean."""
     surfaces: GasSurfaces | None = None
     """Walls and obstacles that take up or emit gas; unless named, none do."""
+    fluctuations: bool = False
+    """Whether gas sensors feel the fluctuations that eddies smaller than a cell make, random peaks about the mean of
+    the cells. Near a source on a coarse grid they are as large as the mean."""
 
     def begins_in(self, radius: float, domain: Domain) -> float:
         """Return the cross-section [m²] of a source of this radius [m], which is taken as half a cell at least."""
