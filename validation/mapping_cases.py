@@ -22,6 +22,7 @@ Wanted, written down before a run with these maps (lines of the text in its sect
   and 100 s are judged by the same criterion: no alpha worse than pure interpolation, the least error at 0.8 to 0.95.
 - beta (III-4): the best neighbourhood is bounded in time and space. With alpha = 0.9, beta up to 1 has to be best.
 - Gradient, recovery (III-4): at least half of the cells, of the snapshots and of the jumps, with alpha = 0.9.
+- Robots (II, spread through space): NEAR or more from their centroid, or a neighbourhood of alpha = 0.9 holds them all.
 - A source that stops (III-4, maps show changes): 60 s later the map of alpha = 0.9, which reaches back 50 s, has to be
   less than half of what it was. Rates of 10 to 30 mg/s (III-2) as a source that slows: reported.
 
@@ -98,6 +99,7 @@ LAST = (75.0, 100.0, 300.0)  # s, lengths of a series
 MAIN = "all readings, age from the newest snap"
 AT_SOURCE = 0.5  # m: two cells of the map
 HALF = "peak mostly within 0.5 m, share of runs"
+SPREAD = "distance of the robots from their centroid [m]"
 TOWARDS = "gradient to the source, share of cells"
 MOSTLY = "gradient to the source in most cells, share of snaps"
 CHANGE = "change from snap to snap over the range of the map"
@@ -234,6 +236,7 @@ def region(trials: int, navigation: str) -> Results:
     result: dict[str, Mean | Lines] = {}
     of_sensor: dict[str, dict[str, np.ndarray]] = {sensor: {} for sensor in SENSORS}
     points = []
+        SPREAD: over_airs(np.array([run.spread[team] for run in runs])),
     for sensor, speed in product(SENSORS, SPEEDS):
         teams, here = chosen(navigation, speed, sensor), f"{speed:g} m/s, {sensor}"
         errors = mean_errors(trials, teams)
@@ -463,10 +466,12 @@ def _readings(navigation: str) -> Condition:
         | {f"{name}: alpha of the least error": Range(0.8, 0.95) for name in judged},
     )
 
+            SPREAD: "spread through space",
 
 def _betas(navigation: str) -> Condition:
     return Condition(
         f"{navigation}, beta",
+            SPREAD: Range(least=NEAR),
         partial(betas, navigation=navigation),
         published={"beta of the least error": "bounded in time and space"},
         expected={"beta of the least error": Range(most=1.0)},

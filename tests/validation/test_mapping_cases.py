@@ -162,6 +162,14 @@ def test_the_least_error_is_where_the_mean_is_least():
 def test_the_worst_alpha_is_one_that_sees_two_snaps():
     shares = [Mean(ratio, None, None, 8) for ratio in (1.3, 0.9, 1.2, 0.8, 0.7, 0.6)]
     assert worst(shares) is shares[0]
+def test_spread_of_known_teams():
+    """Robots on a circle are its radius from their centroid; a team at one point has no spread."""
+    angle = 2 * np.pi * np.arange(5) / 5
+    circle = [2.0, 1.0] + 0.4 * np.column_stack([np.cos(angle), np.sin(angle)])
+    place = np.concatenate([circle, np.full((4, 2), 1.5)])
+    assert mapping_scenario.spread(place, np.repeat([0, 1], [5, 4])) == pytest.approx([0.4, 0.0], abs=1e-9)
+
+
     assert worst(shares, 10.0) is shares[2]  # alpha = 0.4 reaches back 8.33 s
 
 
@@ -212,3 +220,4 @@ def test_lines_are_drawn():
     drawn = page(report, {"maps": {"errors": Lines("t", "MAE", x, {"one": x, "two": 2 * x})}})
     assert drawn.count("<img") == 1
     assert drawn != page(report, {"maps": {"errors": Curve("t", "MAE", x, x, x)}})
+    assert (first.spread > 0.1).all()  # robots of 5 cm radius do not overlap
