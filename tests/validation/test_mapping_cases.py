@@ -112,6 +112,23 @@ def test_series_count_up_to_their_length():
     assert found[f"maps, 75 s: alpha 0.9 / {mapping_cases.PURE}"].mean == 0.5
 
 
+def test_figures_are_of_the_paper_set_up(monkeypatch):
+    """In the first air, errors of 2 ppm by pure interpolation, of 1 and 3 ppm by time series of DAPSO and the line."""
+    errors = np.full((1 + len(ALPHAS), 2, len(TEAMS)), np.nan)
+    for navigation, error in (("DAPSO", 1.0), ("line-up", 3.0)):
+        (team,) = chosen(navigation, *mapping_cases.PAPER, SOURCES[0])
+        errors[:, :, team] = np.where(np.arange(1 + len(ALPHAS)) == 0, 2.0, error)[:, None]
+    runs = [
+        SimpleNamespace(times=np.array([35.0, 40.0]), errors={WINDOW: part}) for part in (errors, 2 * errors)
+    ]
+    monkeypatch.setattr(mapping_cases, "in_airs", lambda airs: runs)
+    parts = mapping_cases.figures(2).values()
+    line, swarm, bars = (part.lines for part in parts if isinstance(part, Lines))
+    assert [set(part["alpha 0.9"]) for part in (line, swarm)] == [{3.0}, {1.0}]
+    assert set(swarm[mapping_cases.PURE]) == {2.0}
+    assert [set(bars[name]) for name in ("DAPSO", "line-up")] == [{0.5}, {1.5}]
+
+
 def test_levels_are_means_within_an_interval():
     """Of a map that falls by 1 ppm per snap: 7 + 6 + 5 + 4 + 3 + 2, and the last snap alone."""
     times = np.array([35.0, 40.0, 45.0, 50.0, 55.0, 60.0])
@@ -145,6 +162,14 @@ def test_persistence_of_a_known_process():
     assert long == pytest.approx(endless(kept), rel=0.03)
 
 
+def test_spread_of_known_teams():
+    """Robots on a circle are its radius from their centroid; a team at one point has no spread."""
+    angle = 2 * np.pi * np.arange(5) / 5
+    circle = [2.0, 1.0] + 0.4 * np.column_stack([np.cos(angle), np.sin(angle)])
+    place = np.concatenate([circle, np.full((4, 2), 1.5)])
+    assert mapping_scenario.spread(place, np.repeat([0, 1], [5, 4])) == pytest.approx([0.4, 0.0], abs=1e-9)
+
+
 def test_gas_that_is_there_or_not_gains_nothing_from_a_long_mean():
     """Of readings that are 0 or 1 by chance, |c - mean| and |c - c'| have one mean, 2 p (1 - p): eq 8 cannot tell."""
     snaps = (np.random.default_rng(1).random((20000, 1, 2, 2)) < 0.2).astype(float)
@@ -162,14 +187,6 @@ def test_the_least_error_is_where_the_mean_is_least():
 def test_the_worst_alpha_is_one_that_sees_two_snaps():
     shares = [Mean(ratio, None, None, 8) for ratio in (1.3, 0.9, 1.2, 0.8, 0.7, 0.6)]
     assert worst(shares) is shares[0]
-def test_spread_of_known_teams():
-    """Robots on a circle are its radius from their centroid; a team at one point has no spread."""
-    angle = 2 * np.pi * np.arange(5) / 5
-    circle = [2.0, 1.0] + 0.4 * np.column_stack([np.cos(angle), np.sin(angle)])
-    place = np.concatenate([circle, np.full((4, 2), 1.5)])
-    assert mapping_scenario.spread(place, np.repeat([0, 1], [5, 4])) == pytest.approx([0.4, 0.0], abs=1e-9)
-
-
     assert worst(shares, 10.0) is shares[2]  # alpha = 0.4 reaches back 8.33 s
 
 
@@ -208,6 +225,7 @@ def test_a_short_run_tells_everything(monkeypatch):
     assert not np.array_equal(first.errors["age from the forecast snap"][1:], first.errors[WINDOW][1:])
     assert (first.passed <= 40.0).any()
     assert (first.way > 0.0).all()
+    assert (first.spread > 0.1).all()  # robots of 5 cm radius do not overlap
     assert ((first.met >= 0.0) & (first.met <= 1.0)).all()
 
 
@@ -220,4 +238,3 @@ def test_lines_are_drawn():
     drawn = page(report, {"maps": {"errors": Lines("t", "MAE", x, {"one": x, "two": 2 * x})}})
     assert drawn.count("<img") == 1
     assert drawn != page(report, {"maps": {"errors": Curve("t", "MAE", x, x, x)}})
-    assert (first.spread > 0.1).all()  # robots of 5 cm radius do not overlap
