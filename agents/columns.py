@@ -24,7 +24,7 @@ class Column:
     width: 2 for vectors. key: name in snapshots, * is the column's name; empty if not in snapshots. tabled: whether
     `robots.parquet` has the column, named by key or `components`; there NaN is null. named: whether the numbers stand
     for names, the states of the algorithm. read_as, written_as: name among the arrays that an own algorithm reads, or
-    writes. truth: column whose field is shared if no robot has odometry errors. flies: column of swarms with drones
+    writes. truth: column whose field is shared if all robots know their poses. flies: column of swarms with drones
     only. pushed: column of swarms among moving obstacles only.
     """
 
@@ -99,15 +99,13 @@ class Columns:
     )
     believed_position = Column(
         "m",
-        "believed position (odometry)",
+        "believed position",
         width=2,
         components=("believed_x", "believed_y"),
         read_as="position",
         truth="position",
     )
-    believed_heading = Column(
-        "rad", "believed heading (odometry)", tabled=True, read_as="heading", truth="heading"
-    )
+    believed_heading = Column("rad", "believed heading", tabled=True, read_as="heading", truth="heading")
     state = Column("1", "of the algorithm", np.int32, tabled=True, named=True, written_as="state")
     found = Column("1", "whether the robot has found a source", np.bool_, tabled=True)
     found_time = Column("s", "time of finding a source; NaN before")
@@ -157,7 +155,7 @@ class Columns:
     goal_heading = Column("rad", "commanded heading on the way; NaN: by turn rate", key="", flies=True)
 
     def _allocate(self, n: int, errs: bool) -> None:
-        """Allocate the fields of n robots; errs: whether any robot has odometry errors."""
+        """Allocate the fields of n robots; errs: whether the believed pose of any robot has errors."""
         for column in self.columns:
             shared = bool(column.truth) and not errs
             setattr(self, column.name, getattr(self, column.truth) if shared else column.field(n))

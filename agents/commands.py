@@ -72,7 +72,7 @@ class Commands:
             speed, turn = 0.0, 0.0
             if distance > NEAR:
                 off = wrap(ti.atan2(apart[1], apart[0]) - self.swarm.believed_heading[i])
-                turn = off / dt
+                turn = off / self.swarm.turn_time(i, dt)
                 if ti.abs(off) < 0.25 * pi:  # else the robot first turns
                     speed = ti.min(distance / dt, self.swarm.max_speed[i] * ti.cos(off))
         self.swarm.speed_command[i], self.swarm.turn_rate_command[i] = speed, turn

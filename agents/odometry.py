@@ -22,11 +22,11 @@ from taichi_plume.agents.groups import GroupRange
 from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import cos_sin, turned, wrap
 from taichi_plume.grid.rng import normal4, stream_id
-from taichi_plume.scenario.robots import Odometry as Model
+from taichi_plume.scenario.localization import Odometry as Model
 
 
 class Odometry:
-    """Odometers of `count` robots, with random systematic errors; only groups with `odometry` have errors.
+    """Odometers of `count` robots, with random systematic errors; exact unless a group's `localization` is odometry.
 
     counter: function as `Swarm.counter`; groups: all groups of the swarm.
     """
@@ -36,8 +36,8 @@ class Odometry:
         errors, variances, deviations = np.zeros((count, 3)), np.zeros((count, 4)), np.zeros((count, 3))
         errs, numbers, streams = np.zeros(count), np.zeros(count), np.zeros(count, np.uint32)
         for group in groups:
-            model = group.model.odometry
-            if model is None:
+            model = group.model.localization
+            if not isinstance(model, Model):
                 continue
             errors[group.slice] = _drawn(model, group, seed)
             variances[group.slice], deviations[group.slice] = model.variances, model.deviations
@@ -78,7 +78,7 @@ def _drawn(model: Model, group: GroupRange, seed: int) -> np.ndarray:
 
 
 class Reckoning(Columns):
-    """Mixin of the swarm for believed poses: from odometry, or the true poses of robots without odometry errors."""
+    """Mixin of the swarm for believed poses: by odometry, from a camera, or the true poses."""
 
     @ti.func
     def _reckon(self, i, tick, turn, way, moved):
@@ -96,6 +96,31 @@ class Reckoning(Columns):
             self.believed_position[i] = self.position[i]
             self.believed_heading[i] = self.heading[i]
             self.odometer[i] = self.path_length[i]
+
+    @ti.func
+    def _true_pose(self, i):
+        """Return the true pose (x [m], y [m], heading [rad]) of robot i; zeros in swarms without cameras."""
+        result = ti.Vector([0.0, 0.0, 0.0])
+        if ti.static(self.sees):
+            place = self.position[i]
+            result = ti.Vector([place[0], place[1], self.heading[i]])
+        return result
+
+    @ti.func
+    def _look(self, i, tick, dt, before):
+        """Update the believed pose of robot i, if a camera sees it; before: true pose before the time step."""
+        if ti.static(self.sees):
+            if self.camera.sees[i] == 1:
+                pose = self.camera.pose(i, tick, dt, before, self._true_pose(i))
+                self.believed_position[i], self.believed_heading[i] = ti.Vector([pose[0], pose[1]]), pose[2]
+
+    @ti.func
+    def turn_time(self, i, least):
+        """Return the time [s] in which robot i turns to a course: `least`, or longer if its camera is slow."""
+        result = least
+        if ti.static(self.sees):
+            result = ti.max(least, self.camera.turn_time[i])
+        return result
 
     @ti.func
     def as_believed(self, i, v):

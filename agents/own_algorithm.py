@@ -133,7 +133,7 @@ class OwnAlgorithm:
         self.DECISIONS: tuple[Decision, ...] = self._decisions()
         number = np.arange(group.size)
         trial = group.model.first_trial + number // group.count
-        self.robots = Robots(trial, number % group.count, *self._heard(), self.flies)
+        self.robots = Robots(trial, number % group.count, *self._heard(), self.flies, group.model.turn_time)
         self.algorithm: Any = self._made(before)
         with failures_named(self.path):
             self.STATE_NAMES = tuple(map(str, getattr(self.algorithm, "STATE_NAMES", ("SEARCH",))))

@@ -38,10 +38,11 @@ class Robots(KnownAttributes):
     """Robots of an algorithm: readings and commands, as arrays over the n robots.
 
     Read: `reading` [ppm], the first column of `readings` (n, gas sensors) [ppm]; `wind` (n, 2) [m/s], zero if not
-    `wind_known`; `position` (n, 2) [m], `heading` [rad] and `path_length` [m], with errors if the group has `odometry`;
-    `blocked`, the bumper; `trial` and `robot`, numbers of each; `t`, `dt` [s]; of classes with a MESSAGE `heard` (n,
-    robots of a team, MESSAGE), the last message from each mate, NaN if none, and `heard_at` (n, robots of a team), its
-    time [s]. Write: `speed` [m/s]; `turn_rate` [rad/s]; `state`, whole numbers that index the algorithm's STATE_NAMES.
+    `wind_known`; `position` (n, 2) [m], `heading` [rad] and `path_length` [m], with the errors of the group's
+    `localization`; `blocked`, the bumper; `trial` and `robot`, numbers of each; `t`, `dt` [s]; of classes with a
+    MESSAGE `heard` (n, robots of a team, MESSAGE), the last message from each mate, NaN if none, and `heard_at` (n,
+    robots of a team), its time [s]. Write: `speed` [m/s]; `turn_rate` [rad/s]; `state`, whole numbers that index the
+    algorithm's STATE_NAMES.
     Other attributes cannot be set: AttributeError. Call: `turn_to`, `declare`, `tell`; `said` holds the declarations
     and messages of this time step.
 
@@ -80,9 +81,10 @@ class Robots(KnownAttributes):
         heard: np.ndarray,
         heard_at: np.ndarray,
         flies: bool = False,
+        turn_time: float = 0.0,
     ):
         n = len(trial)
-        self.flies = flies
+        self.flies, self._turn_time = flies, turn_time
         self.trial, self.robot = trial, robot
         self.t, self.dt = 0.0, 0.0
         self.heard, self.heard_at = heard, heard_at
@@ -105,9 +107,12 @@ class Robots(KnownAttributes):
             self._open()
 
     def turn_to(self, course: ArrayLike) -> None:
-        """Set turn rates that bring the headings to `course` [rad] within a time step, or as soon as the bodies can."""
+        """Set turn rates that bring the headings to `course` [rad] within a time step, or as soon as the bodies can.
+
+        With late poses of a camera the turn is slower, so that the robots do not overshoot.
+        """
         off = np.asarray(course) - self.heading
-        self.turn_rate = (off - 2 * np.pi * np.round(off / (2 * np.pi))) / self.dt
+        self.turn_rate = (off - 2 * np.pi * np.round(off / (2 * np.pi))) / max(self.dt, self._turn_time)
 
     def go_to(
         self,

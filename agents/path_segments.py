@@ -17,7 +17,7 @@ REST, TURN, DRIVE, BACK = range(4)
 BACK_OFF = 0.1  # m
 MOST_BUMPS = 6  # collisions on a path segment; one more ends the segment
 NEAR = 1e-4  # m and rad: tolerance at the end of a segment
-NEAR_BY_WHEELS = 2e-3  # rad, tolerance of robots with odometry errors
+NEAR_AS_BELIEVED = 2e-3  # rad, least tolerance of robots that do not know their heading exactly
 
 
 class Legs:
@@ -41,7 +41,9 @@ class Legs:
     @staticmethod
     def numbers(group: GroupRange, speed: float | None) -> Numbers:
         """Return a group's parameters of path segments; speed: driving speed [m/s], by default the body's largest."""
-        return {"speed": group.speed(speed), "near": NEAR_BY_WHEELS if group.model.odometry else NEAR}
+        by = group.model.localization
+        near = NEAR if by is None else max(NEAR_AS_BELIEVED, by.heading_scatter)
+        return {"speed": group.speed(speed), "near": near}
 
     @ti.func
     def set_out(self, n, turn, length, aside):
@@ -75,7 +77,7 @@ class Legs:
         speed, turn = 0.0, 0.0
         driven = self.swarm.odometer[i] - self.mark[n]
         if self.phase[n] == TURN:
-            turn = off / dt
+            turn = off / self.swarm.turn_time(i, dt)
         elif self.phase[n] == DRIVE:
             speed = ti.min(self.p.speed[n], (self.length[n] - driven) / dt)
         elif self.phase[n] == BACK:

@@ -122,7 +122,7 @@ class Potential:
         error = wrap(ti.atan2(force[1], force[0]) - self.swarm.believed_heading[i])
         speed = ti.min(1.0, force.norm()) * ti.max(0.0, ti.cos(error)) * self.p.speed[n]  # type: ignore[misc]
         self.swarm.speed_command[i] = ti.min(speed, distance / dt)
-        self.swarm.turn_rate_command[i] = error / ti.max(dt, STEER)
+        self.swarm.turn_rate_command[i] = error / self.swarm.turn_time(i, ti.max(dt, STEER))
 
     @ti.func
     def stand(self, n):

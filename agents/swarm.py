@@ -10,6 +10,7 @@ from math import ceil
 
 import numpy as np
 
+from taichi_plume.agents.camera import Camera
 from taichi_plume.agents.collisions import CLEAR, PINNED, PUSHED, SKIN, Contact
 from taichi_plume.agents.columns import Rows, columns_of, further_gas_sensors
 from taichi_plume.agents.flight import FREE, Flying
@@ -21,6 +22,7 @@ from taichi_plume.agents.trials import OwnClocks, Trials
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 from taichi_plume.grid.elementary import cos_sin, wrap
+from taichi_plume.scenario.localization import Camera as CameraModel
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.robots import Group
 
@@ -48,10 +50,10 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
     walls and other bodies leave no way out. Robots placed from outside are not pushed. rivals: whether groups neither
     sense nor touch each other. episodes: trials of the only group that each restart on their own.
 
-    Algorithms read `reading` [ppm], `wind` [m/s], `wind_known`, `blocked` (the bumper) and the pose by odometry,
+    Algorithms read `reading` [ppm], `wind` [m/s], `wind_known`, `blocked` (the bumper) and the believed pose,
     `believed_position` [m], `believed_heading` [rad] and `odometer` [m], and write `speed_command` [m/s],
     `turn_rate_command` [rad/s] and `state`. Robots that are placed from outside stay until they get `ordered_position`,
-    `ordered_heading`. Without odometry errors the believed pose is the true one: the same fields.
+    `ordered_heading`. Without `localization` the believed pose is the true one: the same fields.
     """
 
     def __init__(
@@ -74,7 +76,8 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         self.trials = max((group.row + group.trials for group in self.groups), default=0)
         n = max(1, self.count)  # Taichi has no empty fields
         self.flies = any(group.body.flies for group in groups)
-        self.reckons = any(group.odometry for group in groups)
+        self.reckons = any(group.localization for group in groups)
+        self.sees = any(isinstance(group.localization, CameraModel) for group in groups)
         further = further_gas_sensors(max((len(group.sensors.noses) for group in groups), default=1))
         self.columns = (*columns_of(self.flies, bool(walkers)), *further)
         self.STATE = tuple(column.name for column in self.columns)
@@ -98,6 +101,9 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         self.contact = Contact(self)
         if self.reckons:
             self.odometry = Odometry(n, self.counter, self.groups, seed)
+        if self.sees:
+            self.camera = Camera(n, self.counter, self.groups)
+            self.STATE = (*self.STATE, "camera")
         self._kept = Rows(self, [column for column in self.columns if column.key], 0, self.count)
         self._fields = [getattr(self, column.name) for column in self.columns]
         self.seed = seed
@@ -138,6 +144,8 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
                 place.from_numpy(self.start)
             for heading in (self.heading, self.believed_heading):
                 heading.from_numpy(headings)
+            if self.sees:
+                self.camera.frames[:, 0] = np.column_stack([self.start, headings])
         never = (self.found_time, self.reached_time, self.declared_position, self.declared_time)
         for field in (*never, self.ordered_position, self.resistance, *self._further):
             field.fill(np.nan)
@@ -220,6 +228,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
     def go(self, i, k, tick, t, dt):
         """Move robot i of trial k for a time step dt [s] that ends at t [s], and note whether it finds a source."""
         before = self.blocked[i]
+        pose = self._true_pose(i)
         self.blocked[i] = 0
         self.velocity[i] = ti.Vector([0.0, 0.0])
         if ti.static(self.flies):
@@ -240,6 +249,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
                 if self.by_declaring[i] == 0.0:
                     self.found[i] = 1
                     self.found_time[i] = t
+        self._look(i, tick, dt, pose)
 
     @ti.func
     def _go_on(self, i, k, tick, dt):
@@ -273,6 +283,8 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         if ti.static(self.reckons):
             self.believed_position[i], self.believed_heading[i] = place, heading
             self.odometry.renew(i)
+        if ti.static(self.sees):
+            self.camera.start(i, place, heading)
         if ti.static(self.flies):
             self._restart_flight(i)
 

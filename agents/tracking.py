@@ -198,5 +198,5 @@ class PlumeTracker(KernelAlgorithm):
         i = self.robot[n]
         course = self._course(n)
         error = wrap(direction(course.y, course.x) - self.swarm.believed_heading[i])
-        self.swarm.turn_rate_command[i] = error / ti.max(dt, STEER)
+        self.swarm.turn_rate_command[i] = error / self.swarm.turn_time(i, ti.max(dt, STEER))
         self.swarm.speed_command[i] = self.p.speed[n] * ti.max(0.0, cos_sin(error)[0])

@@ -18,7 +18,7 @@ robots:
     reach: 0
     start: {kind: positions, positions: [[1.4, 0.5], [1.2, 0.8]]}
     algorithm: {kind: random_walk}
-    odometry: {veer_deg: 10, distance_scale: 0.1}
+    localization: {kind: odometry, veer_deg: 10, distance_scale: 0.1}
     sensors: {gas: {kind: mox, model: tgs2620, spread: 1, ahead: 0.05}}
   - name: linear
     count: 1

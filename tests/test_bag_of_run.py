@@ -211,7 +211,7 @@ def test_frames_lead_from_the_map_to_the_sensors(said):
 
 def test_the_variance_of_the_heading_is_that_of_turns_and_paths(run, said):
     """k1 |w| + k2 |s| of each step, var b (sum w)² + var c (sum s)² of all; none without odometry errors."""
-    (model,) = (group.odometry for group in open_run(run).scenario.robots if group.name == "oxides")
+    (model,) = (group.localization for group in open_run(run).scenario.robots if group.name == "oxides")
     odom = said["/oxides_0/odom"]
 
     def along(message):
@@ -377,7 +377,7 @@ def test_a_run_again_on_its_own_ways_reads_the_same(run, tmp_path):
     """Its robots are put where they were and their sensors have the same noise: so they read the same."""
     bag_of_run.write(open_run(run), tmp_path / "bag", bag_of_run.Choice())
     text = bag_run.SCENARIO.replace("trials: 2", "trials: 1")
-    text = text.replace("    odometry: {veer_deg: 10, distance_scale: 0.1}\n", "")
+    text = text.replace("    localization: {kind: odometry, veer_deg: 10, distance_scale: 0.1}\n", "")
     for kind in ("random_walk", "casting"):
         names = "[linear_0]" if kind == "casting" else "[oxides_0, oxides_1]"
         text = text.replace(f"{{kind: {kind}}}", f"{{kind: replay, file: bag, robots: {names}}}")

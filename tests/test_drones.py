@@ -326,7 +326,10 @@ def test_drones_neither_learn_nor_compete(path):
         ("body={kind: drone, max_climb: null}", r"body.max_climb: a drone needs a number"),
         ("body={kind: drone, wheel_base: 0.1}", r"body.wheel_base: a drone has no wheels"),
         ("body={kind: free}", r"start.altitude: is for drones"),
-        ("odometry={}", r"odometry: a crazyflie has no wheels"),
+        (
+            "localization={kind: camera}",
+            r"localization: is for robots on the floor, a crazyflie knows its pose",
+        ),
         ("start.altitude=2.39", r"start.altitude: 2.39 m and body.height of 0.029 m reach above the ceiling"),
         ("wake=true", r"wake: a wind of kind uniform is not disturbed"),
         ("algorithm.highest=0.1", r"algorithm.lowest: 0.3 m must be below highest"),

@@ -35,7 +35,7 @@ robots:
     count: 3
     trials: 2
     reach: 0
-    odometry: {}
+    localization: {kind: odometry}
     start: {kind: area, low: [0.3, 0.3], high: [1.7, 1.2]}
     algorithm: {kind: random_walk}
     sensors: {gas: {kind: mox, model: mics5524}, wind: {kind: ultrasonic}}

@@ -30,7 +30,15 @@ MODELS = {
         "ContinuousGas",
         "OwnGas",
     ),
-    "sensors.md": ("MoxSensor", "PidSensor", "TdlasSensor", "IdealGasSensor", "Anemometer"),
+    "sensors.md": (
+        "MoxSensor",
+        "PidSensor",
+        "TdlasSensor",
+        "IdealGasSensor",
+        "Anemometer",
+        "Odometry",
+        "Camera",
+    ),
 }
 """Sections of a scenario by the page that tells of them."""
 

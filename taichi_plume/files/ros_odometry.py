@@ -11,7 +11,8 @@ by (dx, dy) [m], a path s [m], on the course phi. The pose (x, y, heading) then 
 so that the random errors have the covariance P <- F P F' + V diag(k1 |w| + k2 |s|, k3 |s| + k4 |w|) V', the constant
 ones act by J <- F J + G, and the pose has the covariance P + J diag(var a, var b, var c) J'. On a straight path of
 length L, the variance of the heading is k2 L + var c L², that across the path k2 L³/3 + var c L⁴/4. The linearisation
-holds while the error of the heading is small against 1 rad. Robots without odometry errors, heights, roll and pitch
+holds while the error of the heading is small against 1 rad. Poses of a camera have the variances of a frame, and their
+differences over a step, the velocities, twice these over dt². Robots that know their poses, heights, roll and pitch
 have the variance 0.
 """
 
@@ -19,7 +20,7 @@ import numpy as np
 
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_robots import BASE, ODOM, Fields, MapFrame
-from taichi_plume.scenario.robots import Odometry
+from taichi_plume.scenario.localization import Camera, Localization, Odometry
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 PLANAR = np.ix_((0, 1, 5), (0, 1, 5))
@@ -29,16 +30,19 @@ PLANAR = np.ix_((0, 1, 5), (0, 1, 5))
 class DeadReckoning:
     """Motion of the robots of a group by their odometry: call `advance` at each time.
 
-    model: odometry errors of the group, None if its robots know their poses. place (n, 3) [m], heading (n,) [rad]:
+    model: localisation of the group, None if its robots know their poses. place (n, 3) [m], heading (n,) [rad]:
     believed poses. velocity (n, 3): forward, left, up [m/s] and turn_rate (n,) [rad/s] over the last time step.
     covariance (n, 3, 3): of x, y [m] and heading [rad]; of_velocity (n, 3, 3): of forward, left and turn rate.
     """
 
-    def __init__(self, model: Odometry | None, count: int):
+    def __init__(self, model: Localization | None, count: int):
         self.model, self.t = model, np.nan
         self.place, self.heading = np.zeros((count, 3)), np.zeros(count)
         self.velocity, self.turn_rate = np.zeros((count, 3)), np.zeros(count)
         self.covariance = self.of_velocity = np.zeros((count, 3, 3))
+        if isinstance(model, Camera):
+            deviations = model.position_noise, model.position_noise, model.heading_scatter
+            self.covariance = np.tile(np.diag(np.square(deviations)), (count, 1, 1))
         self._random, self._by_constants = np.zeros((2, count, 3, 3))  # P and J
 
     def advance(self, t: float, place: np.ndarray, heading: np.ndarray) -> None:
@@ -53,7 +57,9 @@ class DeadReckoning:
             forward, left = moved[:, 0] * c + moved[:, 1] * s, moved[:, 1] * c - moved[:, 0] * s
             self.velocity = np.stack([forward, left, moved[:, 2]], axis=-1) / dt
             self.turn_rate = turn / dt
-            if self.model:
+            if isinstance(self.model, Camera):
+                self.of_velocity = 2.0 * self.covariance / dt**2
+            elif self.model:
                 self._grow(self.model, turn, moved, np.stack([c, s], axis=-1), forward, left, dt)
             self.t, self.place, self.heading = t, place, heading
 

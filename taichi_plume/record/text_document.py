@@ -63,8 +63,8 @@ def _legend(
             "pointed discs",
             "robots, each in the colour of its trail, its sensor's curve and its events; large arenas show them larger",
         )
-        if any(group.odometry for group in scenario.robots):
-            yield "pale outlines and trails", "estimated positions of robots (odometry)"
+        if any(group.localization for group in scenario.robots):
+            yield "pale outlines and trails", "estimated positions of robots (odometry or camera)"
         if any(may_declare(group) for group in scenario.robots):
             yield (
                 "rings with a cross",

@@ -49,8 +49,8 @@ class Robot:
 
     @property
     def reckons(self) -> bool:
-        """Whether the robot knows its position by odometry only."""
-        return self.model.odometry is not None
+        """Whether the robot knows its pose with errors only."""
+        return self.model.localization is not None
 
 
 def recorded_robots(sim: TimeLoop) -> list[Robot]:

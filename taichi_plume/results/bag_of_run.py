@@ -198,7 +198,7 @@ def _readings(robot: Robot, frame: MapFrame) -> Iterator[Stamped]:
     """Yield a robot's ROS messages: odometry, true pose and, after t = 0, gas and wind readings."""
     table, name = robot.table, robot.name
     gas_sensors = [_gas_sensor(robot, k, sensor) for k, sensor in enumerate(robot.group.sensors.noses)]
-    reckoning = DeadReckoning(robot.group.odometry, 1)
+    reckoning = DeadReckoning(robot.group.localization, 1)
     places, headings = np.column_stack([table[key] for key in BELIEVED]), table["believed_heading"]
     for n, t in enumerate(table["t"].tolist()):
         reckoning.advance(t, places[n : n + 1], headings[n : n + 1])

@@ -33,8 +33,8 @@ class External(AnyAlgorithm):
         return self.takes == "pose"
 
     def in_group(self, where: str, group: "Group", floor: Arena) -> Iterator[str]:
-        if self.placed and group.odometry is not None:
-            yield f"{where}.odometry: the poses of these robots come from outside (takes: pose); remove odometry"
+        if self.placed and group.localization is not None:
+            yield f"{where}.localization: the poses of these robots come from outside (takes: pose); remove it"
 
 
 MOST_LISTED = 10
@@ -66,8 +66,8 @@ class Replay(AnyAlgorithm):
     placed: ClassVar[bool] = True
 
     def in_group(self, where: str, group: "Group", floor: Arena) -> Iterator[str]:
-        if group.odometry is not None:
-            yield f"{where}.odometry: the poses of these robots are recorded (kind: replay); remove odometry"
+        if group.localization is not None:
+            yield f"{where}.localization: the poses of these robots are recorded (kind: replay); remove it"
         if self.robots and len(self.robots) != group.count:
             yield (
                 f"{where}.algorithm.robots: {len(self.robots)} names for {group.count} robots; give one for each "

@@ -1,7 +1,7 @@
-"""Groups of robots: start, algorithm, body, sensors, communication and odometry."""
+"""Groups of robots: start, algorithm, body, sensors, communication and localisation."""
 
 from collections.abc import Iterator
-from math import pi, radians
+from math import e, pi
 from typing import Annotated, Literal
 
 import numpy as np
@@ -11,7 +11,7 @@ from taichi_plume.scenario import si
 from taichi_plume.scenario.algorithms import Algorithm
 from taichi_plume.scenario.bodies import Body
 from taichi_plume.scenario.domain import Arena, Context
-from taichi_plume.scenario.quantities import number
+from taichi_plume.scenario.localization import Localization
 from taichi_plume.scenario.sensors import Sensors
 from taichi_plume.scenario.starts import Start
 from taichi_plume.scenario.vocabulary import AT_START, SHAPE, Model
@@ -24,49 +24,6 @@ class Communication(Model):
     """Range of a message; unless given, unlimited."""
     loss: si.Fraction = 0.0
     """Probability that a robot misses a message."""
-
-
-Slight = Annotated[float, *number(0, 0.2)]
-
-
-class Odometry(Model):
-    """Errors of robots that know their pose from their wheels alone; at the start they know it exactly.
-
-    The first three are constant for each robot, normally distributed over the robots; the others are random, and their
-    variance grows with the distance driven and the angle turned. Defaults: a small indoor robot, not calibrated.
-    """
-
-    distance_scale: Slight = 0.01
-    """Relative error of distances, from the size of the wheels. Standard deviation over the robots, constant for
-    each."""
-    turn_scale: Slight = 0.01
-    """Relative error of angles turned, from the distance between the wheels. Standard deviation over the robots,
-    constant for each."""
-    veer_deg: si.AngleNoise = 0.5
-    """Unnoticed turn per metre, from wheels of unequal size. Standard deviation over the robots, constant for each."""
-    distance_noise: si.Distance = 0.01
-    """Standard deviation of the distance after a metre driven; it grows with the root of the distance."""
-    turning_distance_noise: si.Distance = 0.005
-    """Standard deviation of the distance after a full turn on the spot."""
-    heading_noise_deg: si.AngleNoise = 1.0
-    """Standard deviation of the heading after a metre driven; it grows with the root of the distance."""
-    turn_noise_deg: si.AngleNoise = 2.0
-    """Standard deviation of the heading after a full turn."""
-
-    @property
-    def deviations(self) -> tuple[float, float, float]:
-        """Standard deviations of the constant errors a, b [1] and c [rad/m] of `agents/odometry.py` over the robots."""
-        return self.distance_scale, self.turn_scale, radians(self.veer_deg)
-
-    @property
-    def variances(self) -> tuple[float, float, float, float]:
-        """Coefficients k1 [rad], k2 [rad²/m], k3 [m] and k4 [m²/rad] of the random errors of `agents/odometry.py`."""
-        return (
-            radians(self.turn_noise_deg) ** 2 / (2.0 * pi),
-            radians(self.heading_noise_deg) ** 2,
-            self.distance_noise**2,
-            self.turning_distance_noise**2 / (2.0 * pi),
-        )
 
 
 class Group(Model):
@@ -94,8 +51,9 @@ class Group(Model):
     """Gas sensor and anemometer that each robot carries."""
     communication: Communication = Communication()
     """Range and loss of messages between the robots, for algorithms that use them."""
-    odometry: Odometry | None = None
-    """Errors of the pose that a robot estimates. Unless given, robots know their pose exactly, as from cameras."""
+    localization: Localization | None = None
+    """How the robots know their poses: by odometry, which drifts, or from a camera, late and with noise. Unless given,
+    they know them exactly."""
     reach: si.Distance = 0.35
     """A robot whose centre comes this close to a source has found it and stops. The robot itself does not know. Height
     only counts for drones, whose distance is that in space from the middle of the body."""
@@ -113,6 +71,15 @@ class Group(Model):
     def start_altitude(self) -> float:
         """Height of the lower ends of the robots' bodies over the floor at the start [m]; 0 unless drones."""
         return self.start.low_end(self.body)
+
+    @property
+    def turn_time(self) -> float:
+        """Least time T [s] in which the robots turn to a course with poses that are up to τ old: T = e τ.
+
+        A heading that turns at the rate error / T then approaches the course as fast as it can without overshoot; for
+        T < 2 τ / π it would oscillate ever more.
+        """
+        return 0.0 if self.localization is None else e * self.localization.age
 
     @property
     def stands(self) -> bool:
@@ -222,8 +189,8 @@ class Group(Model):
         """Yield errors of keys that only drones have on robots with wheels, and vice versa."""
         if self.start.altitude is not None and not self.body.flies:
             yield f"{where}.start.altitude: is for drones; give body.kind: drone, or remove it"
-        if self.odometry is not None and self.body.flies:
-            yield f"{where}.odometry: a {self.body.kind} has no wheels; remove it"
+        if self.localization is not None and self.body.flies:
+            yield f"{where}.localization: is for robots on the floor, a {self.body.kind} knows its pose; remove it"
 
     def _found_at_once(self, where: str, context: Context) -> Iterator[str]:
         """Yield an error if a robot starts within `reach` of a source, which it would find at once."""

@@ -28,6 +28,8 @@ Rate = Annotated[float, *quantity("kg/s", least=0, most=1, likely="mg/s")]
 Mass = Annotated[float, *quantity("kg", least=0, most=1, likely="mg")]
 BodyMass = Annotated[float, *quantity("kg", least=1e-4, most=1000, likely="g")]
 Frequency = Annotated[float, *quantity("1/s", least=1e-9, most=1e6)]
+FrameRate = Annotated[float, *quantity("1/s", least=1e-3, most=1000)]  # of cameras
+Latency = Annotated[float, *quantity("s", least=0, most=10)]
 MolarMass = Annotated[float, *quantity("kg/mol", least=1e-3, most=1, likely="g/mol")]
 Pressure = Annotated[float, *quantity("Pa", least=1e-9, most=1e6)]
 FlowRate = Annotated[float, *quantity("m^3/s", least=1e-9, most=1000, likely="m^3/h")]

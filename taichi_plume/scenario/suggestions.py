@@ -129,6 +129,7 @@ _SYNONYMS = [
         "wind air flow airflow",
         "domain room world environment grid",
         "threshold_ppm threshold detection_threshold",
+        "localization localisation odometry mocap motion_capture tracking gps pose_error",
         "seed random_seed rng",
         "warm_up warmup spinup spin_up",
     )

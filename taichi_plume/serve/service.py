@@ -72,7 +72,7 @@ class Outside:
         self.frame = frame
         self.noses = [sensor_fields(nose) for nose in group.model.sensors.noses]
         self.each = group.size <= topics.MOST_ROBOTS
-        self.reckoning = DeadReckoning(group.model.odometry, group.size)
+        self.reckoning = DeadReckoning(group.model.localization, group.size)
         self.lost, self.over = np.zeros(group.size, bool), np.zeros(group.size, bool)
         self.times_lost = 0
 

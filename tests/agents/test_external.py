@@ -157,6 +157,6 @@ def test_a_real_robot_goes_on_when_it_has_found_the_source(sim):
 def test_what_is_wrong_is_reported():
     with pytest.raises(ScenarioError, match=r"robots\[0\].algorithm: external: nothing drives"):
         assemble(scenario_from(SCENARIO))
-    group = REAL | {"odometry": {}}
-    with pytest.raises(ScenarioError, match=r"robots\[0\].odometry: the poses of these robots come"):
+    group = REAL | {"localization": {"kind": "odometry"}}
+    with pytest.raises(ScenarioError, match=r"robots\[0\].localization: the poses of these robots come"):
         checked(scenario_from(SCENARIO | {"robots": [group]}), Path())

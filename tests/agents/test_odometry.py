@@ -22,22 +22,27 @@ from taichi_plume.engine.program import compiled
 from taichi_plume.files.ros_odometry import DeadReckoning
 from taichi_plume.grid.clearance import ClearanceMap
 from taichi_plume.scenario.algorithms import SurgeCast
-from taichi_plume.scenario.robots import Communication, Odometry
+from taichi_plume.scenario.localization import Odometry
+from taichi_plume.scenario.robots import Communication
 from taichi_plume.scenario.search_algorithm import Spiral
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
-EXACT = dict.fromkeys(Odometry.model_fields, 0.0)
+EXACT = dict.fromkeys(Odometry.model_fields.keys() - {"kind"}, 0.0)
 MANY = 4000  # robots: a variance is estimated to sqrt(2/MANY) = 2.2 % of it
 TOLERANCE = 5 * np.sqrt(2 / MANY)
 SIZE = 30.0
 IDEAL = {"kind": "ideal"}
 
 
-def group(odometry, trials=1, count=1, name="team", **keys):
+def wheels(**keys):
+    return Odometry(kind="odometry", **keys)
+
+
+def group(localization, trials=1, count=1, name="team", **keys):
     body, sensors = {"max_speed": 1.0, "max_turn_rate_deg": 360.0}, {"gas": IDEAL, "wind": IDEAL}
     return robots(
-        name=name, count=count, trials=trials, body=body, sensors=sensors, odometry=odometry, **keys
+        name=name, count=count, trials=trials, body=body, sensors=sensors, localization=localization, **keys
     )
 
 
@@ -70,12 +75,12 @@ def errors(driver):
 @pytest.fixture(scope="module")
 def crowd(taichi):
     """Many trials of a robot, which the tests give errors."""
-    return Driver(swarm_of(group(Odometry(), MANY)))
+    return Driver(swarm_of(group(wheels(), MANY)))
 
 
 def put(crowd, where=(SIZE / 2, SIZE / 2), heading=0.0, **errors):
     """Begin anew at a place, with these errors alone."""
-    model = Odometry(**EXACT | errors)
+    model = wheels(**EXACT | errors)
     crowd.begin([group(model, MANY)], np.tile(where, (MANY, 1)), np.full(MANY, heading), seed=3)
 
 
@@ -117,7 +122,7 @@ def test_turns_on_the_spot(crowd, tick):
 
 
 def test_who_stands_does_not_drift(crowd):
-    put(crowd, **Odometry().model_dump())
+    put(crowd, **wheels().model_dump(exclude={"kind"}))
     drive(crowd, 0.0, 0.0, 5.0, 0.5)
     assert not any(error.any() for error in errors(crowd))
 
@@ -181,7 +186,7 @@ def test_ways_along_a_wall_are_those_really_gone(crowd):
 
 def test_other_errors_and_seeds_compile_nothing(crowd):
     def run(seed):
-        model = Odometry()
+        model = wheels()
         crowd.begin([group(model, MANY)], np.full((MANY, 2), 9.0), np.zeros(MANY), seed=seed)
         drive(crowd, 0.7, 0.3, 2.0, 0.1)
         return errors(crowd)[0]
@@ -198,7 +203,7 @@ def test_other_errors_and_seeds_compile_nothing(crowd):
 
 def test_published_covariances_are_those_of_the_errors(crowd):
     """The squared error by the published covariance is chi-squared with three degrees of freedom, after each leg."""
-    model = Odometry(
+    model = wheels(
         distance_scale=0.02, turn_scale=0.02, veer_deg=0.5, distance_noise=0.01,
         turning_distance_noise=0.01, heading_noise_deg=0.5, turn_noise_deg=2.0,
     )  # fmt: skip
@@ -227,7 +232,7 @@ def test_published_covariances_are_those_of_the_errors(crowd):
 # ---------------------------------------------------------------- none
 
 
-def test_without_odometry_the_belief_is_the_truth():
+def test_without_localization_the_belief_is_the_truth():
     swarm = swarm_of(group(None, 5))
     assert swarm.believed_position is swarm.position
     assert swarm.believed_heading is swarm.heading
@@ -235,7 +240,7 @@ def test_without_odometry_the_belief_is_the_truth():
 
 
 def test_who_has_none_beside_others_that_have():
-    mixed = swarm_of(group(Odometry(), 5, name="wheels"), group(None, 5, name="cameras"))
+    mixed = swarm_of(group(wheels(), 5, name="wheels"), group(None, 5, name="cameras"))
     alone = swarm_of(group(None, 5), group(None, 5, name="cameras"))
     now, before = (drive(Driver(swarm), 0.7, 0.3, 4.0, 0.1) for swarm in (mixed, alone))
     for name in ("position", "heading"):
@@ -258,7 +263,7 @@ class Breeze(Script):
 
 def mistaken(off: Any = 0.0, shift=(0.0, 0.0), **keys):
     """Robots that believe in a heading turned by `off` and a place moved by `shift`."""
-    swarm = swarm_of(group(Odometry(**EXACT), **keys))
+    swarm = swarm_of(group(wheels(**EXACT), **keys))
     swarm.believed_heading.from_numpy(swarm.heading.to_numpy() + np.float32(off))
     swarm.believed_position.from_numpy(swarm.position.to_numpy() + np.float32(shift))
     return swarm
@@ -276,7 +281,7 @@ def test_wind_is_turned_by_the_error_of_the_heading():
 
 def test_upwind_is_upwind_whatever_the_belief():
     model = SurgeCast(kind="surge_cast", threshold_ppm=1.0, peak_fraction=0.0, wind_memory=0.0)
-    run = Run(model, Breeze([50.0], 1.0), ((20, 15),), size=(SIZE, SIZE), odometry=Odometry(**EXACT))
+    run = Run(model, Breeze([50.0], 1.0), ((20, 15),), size=(SIZE, SIZE), localization=wheels(**EXACT))
     run.swarm.believed_heading.fill(1.0)
     _, places = run.go(20)
     moved = places[-1, 0] - places[100, 0]
@@ -288,7 +293,7 @@ class Courier:
     """A robot near a corner and a mate, on the way to a goal; returns its commands."""
 
     def __init__(self, off, shift):
-        one = group(Odometry(**EXACT), count=2)
+        one = group(wheels(**EXACT), count=2)
         arena = ClearanceMap([], (SIZE, SIZE, 1.0), 0.1)
         self.swarm = Swarm((one,), np.array([[0.2, 0.25], [0.45, 0.3]]), np.full(2, 0.3), arena, NOWHERE, 3)
         turn = np.array([[np.cos(off), -np.sin(off)], [np.sin(off), np.cos(off)]])
@@ -339,7 +344,7 @@ def test_a_message_tells_where_the_sender_believes_to_be():
 
 
 def test_the_source_is_found_where_it_is():
-    one = group(Odometry(**EXACT), reach=0.25)
+    one = group(wheels(**EXACT), reach=0.25)
     arena = ClearanceMap([], (SIZE, SIZE, 1.0), 1.0)
     swarm = Swarm((one,), np.array([[5.0, 5.0]]), np.zeros(1), arena, np.array([[6.0, 5.0]]), 3)
     swarm.believed_position.fill(0.0)
@@ -355,7 +360,7 @@ def test_the_source_is_found_where_it_is():
 def test_turns_come_to_an_end_with_a_bad_odometer():
     """Spirals take but little longer: the robots do not dither about their courses."""
     model = Spiral(kind="spiral", arms=(0.3, 0.3, 0.3), settle=0.5, acquisition=1, minimum_ppm=100)
-    rivals = [{"odometry": None}, {"odometry": Odometry(turn_noise_deg=15.0)}]
+    rivals = [{"localization": None}, {"localization": wheels(turn_noise_deg=15.0)}]
     run = Run(
         [{"algorithm": model} | one for one in rivals], Script([0.0], 1.0), ((5, 5),), 100, (10.0, 10.0)
     )
@@ -365,10 +370,10 @@ def test_turns_come_to_an_end_with_a_bad_odometer():
 
 
 def test_a_trial_alone():
-    many = swarm_of(group(Odometry(), 6, count=2), group(Odometry(), 6, count=3, name="others"))
+    many = swarm_of(group(wheels(), 6, count=2), group(wheels(), 6, count=3, name="others"))
     alone = swarm_of(
-        group(Odometry(), 1, count=2, first_trial=4),
-        group(Odometry(), 1, count=3, first_trial=4, name="others"),
+        group(wheels(), 1, count=2, first_trial=4),
+        group(wheels(), 1, count=3, first_trial=4, name="others"),
     )
     now, then = (drive(Driver(swarm), 0.7, 0.3, 4.0, 0.1) for swarm in (many, alone))
     rows = [*range(8, 10), *range(12 + 12, 12 + 15)]
@@ -383,8 +388,8 @@ import hashlib, sys
 from taichi_plume.engine import ti
 sys.path.insert(0, {folder!r})
 ti.init(ti.cpu, cpu_max_num_threads=int(sys.argv[1]), log_level=ti.ERROR)
-from test_odometry import Driver, Odometry, drive, group, swarm_of
-now = drive(Driver(swarm_of(group(Odometry(), 2000))), 0.7, 0.3, 4.0, 0.1)
+from test_odometry import Driver, drive, group, swarm_of, wheels
+now = drive(Driver(swarm_of(group(wheels(), 2000))), 0.7, 0.3, 4.0, 0.1)
 print(hashlib.sha256(b"".join(now[name].tobytes() for name in sorted(now))).hexdigest())
 """
 

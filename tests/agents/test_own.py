@@ -65,7 +65,7 @@ CIRCLES = """
     trials: 2
     start: {kind: positions, positions: [[3, 1], [3, 2]], heading_deg: 90}
     algorithm: {kind: own}
-    odometry: {veer_deg: 20}
+    localization: {kind: odometry, veer_deg: 20}
     sensors: {wind: {kind: ideal}, gas: {kind: ideal}}
 rivals: true
 """

@@ -187,7 +187,7 @@ def test_gas_that_cannot_be_read_does_not_stop_a_replay(tmp_path):
 
 def test_its_robots_do_not_err(folder):
     with pytest.raises(ScenarioError, match="the poses of these robots are recorded"):
-        checked(scenario_from(room(TABLE | {"odometry": {}}, gas=PLUME)), folder)
+        checked(scenario_from(room(TABLE | {"localization": {"kind": "odometry"}}, gas=PLUME)), folder)
 
 
 @pytest.mark.parametrize(("x", "ppm", "what"), [(1e300, 5.0, "position"), (1.0, -1e300, "reading")])

@@ -28,7 +28,7 @@ TEAM = """
     first_trial: {first}
     start: {{kind: area, low: [2, 0.5], high: [3.5, 2.5]}}
     algorithm: {algorithm}
-    odometry: {{veer_deg: 5}}
+    localization: {{kind: odometry, veer_deg: 5}}
     sensors: {{gas: {{kind: mox, spread: 1, drift: 0.05, noise: 0.01}}, wind: {{kind: ultrasonic}}}}
 """
 ALGORITHMS = [  # of all others see test_search.py

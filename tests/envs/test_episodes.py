@@ -52,7 +52,7 @@ TASK = {
                 ],
                 "wind": {"kind": "ultrasonic"},
             },
-            "odometry": {},
+            "localization": {"kind": "odometry"},
             "reach": 0.1,
             "found": "declared",
         }
@@ -338,6 +338,22 @@ def test_resets_compile_nothing(engines):
     assert changed.tolist() == [False] * TEAM + [True] * TEAM + [False] * (MANY - 2) * TEAM
 
 
+def test_a_camera_counts_its_frames_from_the_start_of_each_episode(taichi):
+    """With frames at each tick, and as late as a decision takes: the pose of the decision before."""
+    exact = {"kind": "camera", "rate": 10, "delay": 0.1 * TICKS, "position_noise": 0, "heading_noise_deg": 0}
+    scenario = scenario_from(TASK | {"robots": [TASK["robots"][0] | {"localization": exact}]})
+    many = Episodes(scenario, count=2, robots=TEAM, bank=recorded())
+    many.autoreset = "disabled"
+    for _ in range(2):
+        many.reset(seeds(2))
+        before = many.swarm.position.to_numpy()
+        for _ in range(4):
+            np.testing.assert_allclose(many.swarm.believed_position.to_numpy(), before, atol=1e-6)
+            before = many.swarm.position.to_numpy()
+            many.step(np.tile(np.float32([1.0, 0.3, -1.0]), (2 * TEAM, 1)))
+        assert np.abs(many.swarm.position.to_numpy() - before).max() > 0.01
+
+
 def test_bad_actions_move_nothing(engines):
     _, many = engines
     many.reset(seeds(MANY))
@@ -419,7 +435,7 @@ def test_robots_are_those_of_an_ordinary_run(taichi):
             "wind": learners.sensors.wind.model_copy(update={"noise": 0.0}),
         }
     )
-    plain_learners = learners.model_copy(update={"sensors": exact, "odometry": None})
+    plain_learners = learners.model_copy(update={"sensors": exact, "localization": None})
     robots = tuple(plain_learners if group is learners else group for group in scenario.robots)
     scenario = scenario.model_copy(update={"robots": robots, "seed": 3})
     many = Episodes(scenario, count=MANY, robots=TEAM, bank=recorded())

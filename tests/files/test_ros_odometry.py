@@ -6,15 +6,15 @@ import pytest
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_odometry import ODOMETRY, DeadReckoning
 from taichi_plume.files.ros_robots import MapFrame
-from taichi_plume.scenario.robots import Odometry
+from taichi_plume.scenario.localization import Camera, Localization, Odometry
 
-MODEL = Odometry()
+MODEL = Odometry(kind="odometry")
 K1, K2, K3, K4 = MODEL.variances
 A, B, C = np.square(MODEL.deviations)
 COURSE, LENGTH, STEPS, DT = 0.7, 5.0, 400, 0.1
 
 
-def along(s, turn=0.0, model: Odometry | None = MODEL) -> DeadReckoning:
+def along(s, turn=0.0, model: Localization | None = MODEL) -> DeadReckoning:
     """Return the state at the end of a straight path of s [m] in direction COURSE, or of a turn on the spot [rad]."""
     reckoning = DeadReckoning(model, 1)
     for n in range(STEPS + 1):
@@ -64,6 +64,14 @@ def test_poses_that_are_known_have_no_variance():
         assert not one.covariance.any()
         assert not one.of_velocity.any()
     assert known.velocity[0, 0] == pytest.approx(LENGTH / STEPS / DT)
+
+
+def test_poses_of_a_camera_have_the_variances_of_a_frame():
+    """And a velocity is the difference of two frames."""
+    seen = along(LENGTH, model=Camera(kind="camera", position_noise=0.01, heading_noise_deg=3.0))
+    wanted = np.diag([1e-4, 1e-4, np.radians(3.0) ** 2])
+    assert seen.covariance[0] == pytest.approx(wanted, rel=1e-12)
+    assert seen.of_velocity[0] == pytest.approx(200 * wanted, rel=1e-9)
 
 
 def test_readings_that_are_repeated_add_nothing():

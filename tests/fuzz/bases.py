@@ -169,13 +169,14 @@ robots:
     body: {radius: 0.03}
     start: {kind: area, low: [1.0, 0.1], high: [1.5, 0.6]}
     algorithm: {kind: sweep, speed: 0.1}
-    odometry: {distance_scale: 0.02, turn_noise_deg: 1}
+    localization: {kind: odometry, distance_scale: 0.02, turn_noise_deg: 1}
     sensors: {gas: {kind: pid, calibrated_for: ethanol}}
   - name: b
     count: 1
     body: {radius: 0.03}
     start: {kind: area, low: [1.0, 0.1], high: [1.5, 0.6]}
     algorithm: {kind: least_known}
+    localization: {kind: camera, rate: 3}
 maps: [{kind: time_series, cell: 0.2, window: 0.5}, {kind: inverse_distance, cell: 0.2}]
 """,
     "probed": """

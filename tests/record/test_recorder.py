@@ -91,7 +91,7 @@ def test_robots_are_where_they_were(arena):
 def test_where_robots_believe_to_be_is_seen_beside_where_they_are(tmp_path):
     start = {"kind": "area", "low": [3, 0.5], "high": [3.8, 2.5]}
     one = {"count": 2, "start": start, "algorithm": {"kind": "casting"}}
-    robots = [{"name": "wheels", "odometry": {}, **one}, {"name": "cameras", **one}]
+    robots = [{"name": "wheels", "localization": {"kind": "odometry"}, **one}, {"name": "cameras", **one}]
     path = fake(tmp_path / "a.rrd", duration=3, maps=[], robots=robots)
     ghosts = {f"/{kind}/wheels-{n}" for kind in ("believed", "believed_trails") for n in (0, 1)}
     assert {entity for entity in entities(path) if "believed" in entity} == ghosts

@@ -131,7 +131,7 @@ def test_a_robot_has_one_color_in_report_and_recording(tmp_path, counts):
     columns |= {"trial": np.zeros(n, np.int32)}
     pq.write_table(pa.table(columns), tmp_path / "robots.parquet")
     starts = np.cumsum([0, *counts])
-    model = SimpleNamespace(first_trial=0, odometry=None)
+    model = SimpleNamespace(first_trial=0, localization=None)
     groups: list[Any] = [
         SimpleNamespace(name=name, count=count, start=int(start), first_trial=0, model=model)
         for name, count, start in zip(names, counts, starts[:-1], strict=True)

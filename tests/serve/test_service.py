@@ -11,7 +11,7 @@ from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_messages import points_of
 from taichi_plume.grid.fields import ppm_at
 from taichi_plume.scenario.loading import scenario_from
-from taichi_plume.scenario.robots import Odometry
+from taichi_plume.scenario.localization import Odometry
 from taichi_plume.serve.service import Pace, Service
 
 pytest.importorskip("rosbags")
@@ -233,7 +233,11 @@ def test_messages_of_each_robot(served):
 
 def test_tf_leads_to_the_true_pose_by_the_believed_one(served, made):
     """Robots with odometry errors: the correction is an ideal localiser's, and the covariance grows."""
-    changed = scenario_from(SCENARIO).robots[0].model_copy(update={"odometry": Odometry(veer_deg=10)})
+    changed = (
+        scenario_from(SCENARIO)
+        .robots[0]
+        .model_copy(update={"localization": Odometry(kind="odometry", veer_deg=10)})
+    )
     erring = assemble(made.scenario.model_copy(update={"robots": [changed]}), driven=True)
     robots, _ = served(Robots.drive, sim=erring)
     now = erring.swarm.snapshot()
