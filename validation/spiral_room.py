@@ -1,7 +1,9 @@
 """Scenario and table 2 of Ferri, Caselli, Mattoli, Mondini, Mazzolai & Dario, Robotics and Autonomous Systems 57 (2009)
 393-402: a room with a dish of ethanol.
 
-Arena, dish, distances, robot, sensor and algorithms are the paper's. The room around the arena is not described; ours
+Arena, dish, distances, robot, sensor and algorithms are the paper's. The robot drives and turns by the encoders of its
+wheels ("for rough odometry"; the webcam only records its path), whose errors are not given: ours are those of a small
+robot that is not calibrated. The room around the arena is not described; ours
 has 50 m³ of air that drifts at a few cm/s, see solvers/synthetic_flow.py.
 """
 
@@ -117,6 +119,7 @@ def momo(name: str, trials: int, start: Keys, algorithm: Keys, begin: float = 0.
         "start": start,
         "algorithm": algorithm,
         "body": {"kind": "momo"},
+        "localization": {"kind": "odometry"},
         "reach": 0.185,  # half of the square of 20 cm around the dish, and half of the robot
         "capture": "square",
         "sensors": {"gas": gas | {"reading_noise": READING_NOISE}},
