@@ -76,7 +76,7 @@ class MoxLaw:
     HAS_RESISTANCE: bool = True
 
     def __init__(self, members: Members, slot: int = 0):
-        self.cubic = any(_mox(group, slot).calibration == "cubic" for group in members.groups)
+        self.cubic = any(_mox(group, slot).calibration != "model" for group in members.groups)
         self.p = Parameters(members, partial(_units, members.swarm, slot))
         self.box = ti.field(ti.f32, (UNITS, len(DIFFER)))  # parameters of the prepared units
         self.different = tuple(getattr(self.p, name) for name in DIFFER)
@@ -194,8 +194,10 @@ def _of_units(sensor: MoxSensor, units: np.ndarray) -> Numbers:
     b = model.b * np.exp(SPREAD_OF_B * sensor.spread * sqrt(3.0) * units[:, 0])
     low, high = np.log(model.air)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    cubic = sensor.calibration == "cubic"
+    cubic = sensor.calibration != "model"
     k = _fits(c1, b * (b1 / model.b)) if cubic else np.zeros((len(units), 5))
+    if sensor.calibration == "extrapolated_cubic":
+        k[:, 4] = 0.0  # x of clean air: no line
     steps = 2.0 ** (sensor.bits or 0) - 1.0
     return {
         "per_c0": 1.0 / model.c0,

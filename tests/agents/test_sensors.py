@@ -329,6 +329,26 @@ def test_cubic_calibration_of_each_unit(lab):
         assert (np.diff(np.array(below)[:, rows], axis=0) > 0).all(), model
 
 
+def test_extrapolated_cubic_reads_gas_in_clean_air(lab):
+    """Least squares of 14 measured resistances give the cubic, down to clean air."""
+    name = "mox tgs800"
+    lab.fit(**{name: mox("tgs800", rise_time=0, decay_time=0, calibration="extrapolated_cubic")})
+    row = lab.row(name)
+
+    def at(ppm, column):
+        lab.air.level[None] = ppm
+        return lab.series(1, column)[0, row]
+
+    clean = at(0.0, "resistance_ohm")
+    injected = np.geomspace(5.0, 1000.0, 14)
+    x = np.log10([at(ppm, "resistance_ohm") / clean for ppm in injected])
+    k, *_ = np.linalg.lstsq(np.vander(x, 4), np.log10(injected), rcond=None)
+    for ppm in (0.0, 0.3, 3.0, 30.0):
+        x = np.log10(at(ppm, "resistance_ohm") / clean)
+        assert at(ppm, "reading_ppm") == pytest.approx(10 ** np.polyval(k, x), rel=1e-3), ppm
+    assert at(0.0, "reading_ppm") == pytest.approx(0.5, abs=0.05)
+
+
 def test_units_differ_as_the_data_sheet_says(crowd, lab):
     crowd.fit(mox=mox("tgs800", spread=1))
     crowd.measure()
