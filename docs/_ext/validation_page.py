@@ -43,8 +43,8 @@ GROUPS = (
         "Published searches and maps, in many trials, with 95 % confidence intervals over flow realisations (airs). "
         "The papers omit many details, so agreement in ranking and magnitude is the target. What is reproduced, what "
         "is not, and why: [The papers again](experiments.md).",
-        r"plumesim_casting|plumesim_hybrid|spiral_table2|spiral_scan|dapso_arena|infotaxis_grid|odor_mapping|"
-        r"mapping_scan",
+        r"plumesim_casting|plumesim_hybrid|spiral_table2|spiral_scan|calibration_box|dapso_arena|infotaxis_grid|"
+        r"odor_mapping|mapping_scan",
     ),
     (
         "Measured rooms and plumes",
