@@ -91,8 +91,8 @@ def test_counts_and_values_are_those_of_the_table(run, said):
 
 def test_options_of_bags_are_of_bags(run, capsys):
     for options, reported in (
-        (["--to", "csv", "--trial", "0"], "--trial is only for bags"),
-        (["--to", "mcap", "--from", "film"], "--from is only for --to netcdf"),
+        (["--to", "csv", "--trial", "0"], "--trial is only for --to mcap, plumesim"),
+        (["--to", "mcap", "--from", "film"], "--from film is only for --to netcdf"),
     ):
         with pytest.raises(SystemExit) as error:
             export.main([str(run), *options])

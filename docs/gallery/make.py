@@ -50,6 +50,7 @@ PICTURES: dict[str, dict[str, tuple[str, ...]]] = {
     "quiet_room": {"quiet_room.gif": ("--end", "120", "--view", "section")},
     "playback": {"playback.png": ("--at", "23")},
     "plumesim_casting": {"plumesim_casting.png": ()},
+    "sensor_network": {"sensor_network.png": ()},
     "spiral_room": {"spiral_room.png": ()},
     "heated_room": {
         "heated_room.png": ("--of", "temperature", "--view", "section_2"),

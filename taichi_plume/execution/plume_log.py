@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from taichi_plume.files import disk
-from taichi_plume.files.plumesim_log import DECIMALS, DIGITS, POINT
+from taichi_plume.files.plumesim_log import frame, header
 from taichi_plume.files.run_folder import cut
 from taichi_plume.grid.fields import ppm_at, velocity_at
 from taichi_plume.scenario.outputs import PlumeLog
@@ -57,9 +57,7 @@ class PlumeLogger:
             return
         u = velocity_at(sim.wind, self.place, sim.t)
         percent = 100.0 / self.model.full_scale_ppm * ppm_at(sim.gas, self.place, sim.t).sum(axis=-1)
-        x, y, speed, toward = *self.place.T[:2], np.hypot(u[:, 0], u[:, 1]), np.arctan2(u[:, 1], u[:, 0])
-        table = np.stack([x, y, speed, toward, np.maximum(percent, 0.0).round(DECIMALS)], axis=-1)
-        text = f"+{self.frames + 1} {len(table)}\n" + POINT * len(table) % tuple(table.ravel())
+        text = frame(self.frames + 1, self.place[:, :2], u, percent)
         disk.require_room(self.path, len(text))
         self.file.write(text.encode("ascii"))
         self.frames += 1
@@ -67,9 +65,9 @@ class PlumeLogger:
 
     def _write_header(self) -> None:
         """Rewrite the first line: period, number of frames, cell size, in a fixed number of characters."""
-        header = f"{round(1000 * self.dt * self.ticks)},{self.frames:{DIGITS}d},{self.model.cell:.9g}\n"
         self.file.seek(0)
-        self.file.write(header.encode("ascii"))
+        line = header(self.dt * self.ticks, self.frames, self.model.cell)
+        self.file.write(line.encode("ascii"))
         self.whole = self.file.seek(0, 2)
         self.file.flush()
 

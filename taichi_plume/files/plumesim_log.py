@@ -1,4 +1,4 @@
-"""Reader of PlumeSim logs of wind and gas (see `point_frames`), which PlumeSim and `kind: plumesim_log` play back.
+"""PlumeSim logs of wind and gas (see `point_frames`), which PlumeSim and `kind: plumesim_log` play back.
 
 A log is text: a line ``period_ms,numFrames,cellSize``; then per frame a line ``+number nPoints`` and so many lines
 ``x,y,z,windSpeed,windDirection,chemical``. Each frame lasts one period; the numbers of frames ascend. Lengths are in
@@ -76,6 +76,19 @@ def _frames(file: TextFile) -> tuple[float, float, list[int], list[int]]:
     if at < len(lines):
         raise file.wrong(at + 1, f"must be the end after {count} frames, got {shown(lines[at])}")
     return period / 1000, cell, begin, rows
+
+
+def header(period: float, frames: int, cell: float) -> str:
+    """Return the first line of a log, as wide for any number of frames; period: of a frame [s]; cell [m]."""
+    return f"{round(1000 * period)},{frames:{DIGITS}d},{cell:.9g}\n"
+
+
+def frame(number: int, place: np.ndarray, wind: np.ndarray, percent: np.ndarray) -> str:
+    """Return frame `number` of a log as text: points (n, 2) [m] with wind (n, 2) [m/s] and percent (n,)."""
+    speed, toward = np.hypot(wind[:, 0], wind[:, 1]), np.arctan2(wind[:, 1], wind[:, 0])
+    columns = (*place.T, speed, toward, np.maximum(percent, 0.0).round(DECIMALS))
+    table = np.stack(columns, axis=-1)
+    return f"+{number} {len(table)}\n" + POINT * len(table) % tuple(table.ravel())
 
 
 def shorten(path: Path) -> int:

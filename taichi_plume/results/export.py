@@ -5,6 +5,7 @@ netcdf   the film, or the decoded colours of a recording, with CF metadata; for 
 csv      the tables robots.csv and probes.csv, and columns.csv with their units and meanings
 mcap     a ROS 2 bag with robots, gas, wind, plume and maps; see `bag_of_run`
 gaden    the film as a configuration of GADEN 3, for its player: cells, wind and concentrations
+plumesim the readings of probes, or of robots that stand, as a log that PlumeSim and `kind: plumesim_log` play back
 """
 
 import os
@@ -20,6 +21,8 @@ from taichi_plume.results.run import FILES, Run
 if TYPE_CHECKING:
     import numpy as np
     import xarray
+
+    from taichi_plume.results.network_log import Choice
 
 TABLES = ("robots", "probes")
 
@@ -49,6 +52,17 @@ def export(run: Run, to: str, out: Path, source: str | None = None, force: bool 
     with _fresh([out], force) as (part,):
         for coming in (vtkhdf if to == "vtkhdf" else netcdf).write(part, data, frames(data, run.folder)):
             disk.require_room(part, coming)
+    return [out]
+
+
+def export_log(run: Run, choice: "Choice", out: Path, force: bool = False) -> list[Path]:
+    """Write the readings of a run's nodes to `out` as a log of PlumeSim; return the file. Raises as `export`."""
+    from taichi_plume.results.network_log import log_of
+
+    with _fresh([out], force) as (part,), part.open("w", encoding="ascii", newline="\n") as file:
+        for text in log_of(run, choice):
+            disk.require_room(part, len(text))
+            file.write(text)
     return [out]
 
 

@@ -8,16 +8,20 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pandas
 import pytest
 
+from taichi_plume import open_run
 from taichi_plume.assembly import assemble as assembly
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.preparation import load_scenario
-from taichi_plume.cli import run
+from taichi_plume.cli import export, run
 from taichi_plume.execution.plume_log import PlumeLogger
 from taichi_plume.files import disk
 from taichi_plume.files.plumesim_log import read_log
+from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.grid.fields import ppm_at, velocity_at
+from taichi_plume.results.network_log import Choice, log_of
 from taichi_plume.scenario.outputs import PlumeLog
 from taichi_plume.time_loop import Every, TimeLoop
 
@@ -162,3 +166,98 @@ def test_in_three_dimensions_the_log_is_a_slice(tmp_path):
     np.testing.assert_allclose(frames.percent, ppm_at(sim.gas, at, sim.t)[:, 0], rtol=HALF_DIGIT, atol=1e-6)
     np.testing.assert_allclose(frames.wind, np.tile([0.2, 0.0], (len(at), 1)), atol=1e-5)
     assert frames.percent.max() > 1
+
+
+NETWORK = """
+name: network
+duration: 2
+domain: {size: [1.2, 0.8], spacing: 0.1}
+wind: {kind: uniform, velocity: [0.3, 0], gusts: {intensity: 0.3, time: 0.5 s}}
+gas: {kind: meandering, species: acetone, sources: [{position: [0.1, 0.4], rate: 1 mg/s, radius: 0.1}]}
+probes: {every: 0.5 s, points: [{kind: grid, name: net, low: [0.15, 0.15], high: [1.05, 0.65], counts: [4, 3]}]}
+robots:
+  - name: nodes
+    count: 3
+    trials: 2
+    start: {kind: positions, positions: [[0.3, 0.4], [0.6, 0.4], [0.9, 0.5]]}
+    algorithm: {kind: casting, speed: 0}
+    body: {radius: 0.03}
+    reach: 0
+  - name: rover
+    count: 1
+    algorithm: {kind: random_walk}
+    start: {kind: positions, positions: [[1.1, 0.7]]}
+    body: {radius: 0.03}
+    reach: 0
+"""
+REPLAY = """
+duration: 1.9
+domain: {size: [1.2, 0.8], spacing: 0.1}
+wind: {kind: plumesim_log, file: run/network.pslog}
+gas: {kind: plumesim_log, file: run/network.pslog, species: acetone, full_scale_ppm: 50}
+"""
+
+
+@pytest.fixture(scope="module")
+def network(tmp_path_factory) -> Path:
+    """Folder with a run of a sensor network, of probes and of robots, and the scenario that plays its log."""
+    folder = tmp_path_factory.mktemp("network")
+    (folder / "network.yaml").write_text(NETWORK)
+    (folder / "replay.yaml").write_text(REPLAY)
+    command = [str(folder / "network.yaml"), "--out", str(folder / "run"), "--quiet", "--no-recording"]
+    assert run.main([*command, "--no-report"]) == 0
+    return folder
+
+
+@pytest.mark.parametrize(("source", "cell"), [("probes", 0.25), ("robots", 0.1**0.5)])
+def test_the_log_of_a_sensor_network_plays_its_readings(network, source, cell):
+    """Readings hold at each node until the next row; of the robots, only those that stand are nodes."""
+    log = network / "run/network.pslog"
+    options = ["--from", source, "--full-scale", "50", "--force"]
+    assert export.main([str(log.parent), "--to", "plumesim", *options]) == 0
+    results = open_run(log.parent)
+    if source == "probes":
+        rows, gas = results.probes, "acetone_ppm"
+    else:
+        rows, gas = results.robots, "reading_ppm"
+        rows = rows[(rows.trial == 0) & (rows.group == "nodes")]
+    times = np.unique(rows.t)
+    assert read_log(log).cell == pytest.approx(cell)
+    again = assemble(load_scenario(network / "replay.yaml"), network)
+    while not again.finished:
+        t = times[np.searchsorted(times - times[0], again.t + 1e-6) - 1]
+        now = rows[rows.t == t]
+        u, ppm = wind_and_gas(again, now[["x", "y"]].to_numpy())
+        speed = np.hypot(now.wind_x, now.wind_y).max()
+        np.testing.assert_allclose(u, now[["wind_x", "wind_y"]].to_numpy(), atol=2 * HALF_DIGIT * speed)
+        np.testing.assert_allclose(ppm, np.maximum(now[gas], 0), rtol=HALF_DIGIT, atol=4e-6)
+        again.advance()
+    assert rows[gas].to_numpy().max() > 3
+
+
+def test_a_trial_that_is_not_there_is_refused(network, capsys):
+    assert (
+        export.main([str(network / "run"), "--to", "plumesim", "--from", "robots", "--trial", "2", "--force"])
+        == 2
+    )
+    assert "has no trial 2" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("t", "z", "reported"),
+    [
+        ([0, 0.1, 0.3], [0, 0, 0], "rows are 0.1 to 0.2 s apart"),
+        ([0, 0.0105, 0.021], [0, 0, 0], "10.5 ms apart"),
+        ([0, 0, 0], [0, 0, 0], "rows of one time only"),
+        ([0, 0.1, 0.2], [0, 0, 0.5], "at heights from 0 to 0.5 m"),
+        ([0, 0.1, 0.2], [0, 0, 0], "a single node"),
+    ],
+)
+def test_tables_that_make_no_log_are_refused(tmp_path, t, z, reported):
+    zero = np.zeros(3)
+    rows = pandas.DataFrame(
+        {"t": t, "x": zero, "y": zero, "z": z, "wind_x": zero, "wind_y": zero, "a_ppm": zero}
+    )
+    table: Any = SimpleNamespace(probes=rows, folder=tmp_path)
+    with pytest.raises(RunFolderError, match=reported):
+        list(log_of(table, Choice("probes")))
