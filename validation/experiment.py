@@ -28,11 +28,26 @@ class Mean:
 
 @dataclass(frozen=True)
 class Tracks:
-    """Picture of robots' paths seen from above. size: of the arena [m]; ways: paths, (k, 2) [m] each."""
+    """Picture of robots' paths seen from above. size: of the arena [m]; ways: paths, (k, 2) [m] each; names: of the
+    paths, for a legend.
+    """
 
     size: tuple[float, float]
     source: tuple[float, float]
     ways: tuple[np.ndarray, ...]
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Plume:
+    """Picture of a plume seen from above. size: of the arena [m]; nodes: positions of sensors, (n, 2) [m]; ppm:
+    concentration in equal cells that fill the arena, (columns, rows).
+    """
+
+    size: tuple[float, float]
+    source: tuple[float, float]
+    nodes: np.ndarray
+    ppm: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -45,7 +60,7 @@ class Lines:
     lines: Mapping[str, np.ndarray]
 
 
-Picture = Curve | Tracks | Lines
+Picture = Curve | Tracks | Lines | Plume
 
 
 @dataclass(frozen=True)

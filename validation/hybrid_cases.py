@@ -14,7 +14,8 @@ from tempfile import TemporaryDirectory
 
 import yaml
 
-from taichi_plume.results.run import open_run
+from taichi_plume.results.run import Run, open_run
+from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Range, Results
 from taichi_plume.validation.plumesim_cases import ALIKE, LAMINAR, PLUME, ROOMBA, arena, in_airs
 from taichi_plume.validation.searches import Searches, scenario_of
@@ -23,30 +24,38 @@ ROBOT = Path(__file__).resolve().parents[1] / "examples/hybrid_casting.py"
 ANSWER_S = 30.0  # wall time, after which a robot counts as lost
 
 
-def outside(trials: int, takes: str) -> Results:
+def searched(trials: int, takes: str) -> Results:
     """Run trials of robots driven by another process, which sends poses or velocities (`takes`); return the results."""
-    algorithm = {"kind": "external", "takes": takes, "timeout": ANSWER_S}
-    data = arena(LAMINAR, PLUME, ROOMBA | {"algorithm": algorithm, "trials": trials})
-    port = _free_port()
-    with TemporaryDirectory() as name:
-        folder = Path(name)
-        (folder / "hybrid.yaml").write_text(yaml.safe_dump(plain(data)), encoding="utf-8")
-        service = [
-            sys.executable, "-m", "taichi_plume.serve", str(folder / "hybrid.yaml"), "--bind", f"127.0.0.1:{port}",
-            "--websocket", "0", "--wait", "--speed", "max", "--no-recording", "--no-report", "--quiet", "--out",
-            str(folder / "run"),
-        ]  # fmt: skip
-        robot = [sys.executable, str(ROBOT), f"127.0.0.1:{port}", *["--velocity"] * (takes == "velocity")]
-        with subprocess.Popen(service, stdout=subprocess.DEVNULL) as serving:
-            try:
-                subprocess.run(robot, check=True, stdout=subprocess.DEVNULL)
-                if serving.wait(ANSWER_S):
-                    raise RuntimeError(f"the service ended with code {serving.returncode}")
-            finally:
-                serving.kill()
+    data = arena(LAMINAR, PLUME, ROOMBA | {"trials": trials})
+    with TemporaryDirectory() as folder:
         searches = Searches()
-        searches.add_run(open_run(folder / "run"))
+        searches.add_run(outside(data, takes, Path(folder)))
         return searches.summary(scenario_of(data), f"outside, {takes}")
+
+
+def outside(data: Keys, takes: str, folder: Path) -> Run:
+    """Run a scenario whose robots another process drives; return its results, in `folder`/outside.
+
+    takes: as in `searched`; folder: of the files that the scenario names.
+    """
+    algorithm = {"kind": "external", "takes": takes, "timeout": ANSWER_S}
+    data = data | {"robots": [data["robots"][0] | {"algorithm": algorithm}]}
+    port = _free_port()
+    (folder / "hybrid.yaml").write_text(yaml.safe_dump(plain(data)), encoding="utf-8")
+    service = [
+        sys.executable, "-m", "taichi_plume.serve", str(folder / "hybrid.yaml"), "--bind", f"127.0.0.1:{port}",
+        "--websocket", "0", "--wait", "--speed", "max", "--no-recording", "--no-report", "--quiet", "--out",
+        str(folder / "outside"),
+    ]  # fmt: skip
+    robot = [sys.executable, str(ROBOT), f"127.0.0.1:{port}", *["--velocity"] * (takes == "velocity")]
+    with subprocess.Popen(service, stdout=subprocess.DEVNULL) as serving:
+        try:
+            subprocess.run(robot, check=True, stdout=subprocess.DEVNULL)
+            if serving.wait(ANSWER_S):
+                raise RuntimeError(f"the service ended with code {serving.returncode}")
+        finally:
+            serving.kill()
+    return open_run(folder / "outside")
 
 
 def plain(data: object) -> object:
@@ -78,8 +87,8 @@ CASES = (
         "Cabrita, Sousa & Marques 2010, figure 13",
         (
             Condition("inside", partial(in_airs, data=arena(LAMINAR, PLUME), title="inside"), ALIKE, FOUND),
-            Condition("outside, which commands velocities", partial(outside, takes="velocity"), {}, FOUND),
-            Condition("outside, which sends poses (hybrid)", partial(outside, takes="pose"), ALIKE, FOUND),
+            Condition("outside, which commands velocities", partial(searched, takes="velocity"), {}, FOUND),
+            Condition("outside, which sends poses (hybrid)", partial(searched, takes="pose"), ALIKE, FOUND),
         ),
         evidence="published",
         test_trials=0,

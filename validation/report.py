@@ -4,18 +4,22 @@ import base64
 import io
 from collections.abc import Mapping
 from html import escape
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
 
 from taichi_plume.validation.case import EVIDENCE, Curve, Evidence, Keys
-from taichi_plume.validation.experiment import Lines, Picture, Tracks
+from taichi_plume.validation.experiment import Lines, Picture, Plume, Tracks
 
 Pictures = Mapping[str, Picture]
 """Pictures by title."""
 
 POINTS = 80
 """Largest number of points of a curve in the report's JSON."""
+
+LEAST_PPM, MOST_PPM = 1.0, 100.0
+"""Range of the colours of a plume."""
 
 INK = {True: "#2e7d32", False: "#c62828", None: "#777"}
 WORD = {True: "met", False: "NOT MET", None: ""}
@@ -64,7 +68,11 @@ def plain(pictures: Pictures) -> Keys:
 def _plain(picture: Picture) -> Keys:
     if isinstance(picture, Tracks):
         ways = [[_numbers(point) for point in _thin(way)] for way in picture.ways]
-        return {"size": list(picture.size), "source": list(picture.source), "ways": ways}
+        names = {"names": list(picture.names)} if picture.names else {}
+        return {"size": list(picture.size), "source": list(picture.source), "ways": ways, **names}
+    if isinstance(picture, Plume):
+        nodes, ppm = ([_numbers(row) for row in rows] for rows in (picture.nodes, picture.ppm))
+        return {"size": list(picture.size), "source": list(picture.source), "nodes": nodes, "ppm": ppm}
     axes = {"x_label": picture.x_label, "y_label": picture.y_label, "x": _numbers(_thin(picture.x))}
     if isinstance(picture, Lines):
         return axes | {"lines": {name: _numbers(_thin(line)) for name, line in picture.lines.items()}}
@@ -185,6 +193,8 @@ def _picture(case: Keys, pictures: Pictures) -> str:
     for axis, (title, picture) in zip(axes, pictures.items(), strict=False):
         if isinstance(picture, Tracks):
             _tracks(axis, title, picture)
+        elif isinstance(picture, Plume):
+            _plume(axis, title, picture)
         elif isinstance(picture, Lines):
             _lines(axis, title, picture)
         else:
@@ -233,9 +243,29 @@ def _lines(axis: Any, title: str, picture: Lines) -> None:
 
 
 def _tracks(axis: Any, title: str, tracks: Tracks) -> None:
-    for way in tracks.ways:
-        axis.plot(*way.T, linewidth=0.8)
+    for way, name in zip_longest(tracks.ways, tracks.names):
+        axis.plot(*way.T, linewidth=0.8, label=name)
         axis.plot(*way[0], "ko", markersize=3)
+    if tracks.names:
+        axis.legend(fontsize=7)
     axis.plot(*tracks.source, "k*", markersize=9)
     axis.set(xlim=(0.0, tracks.size[0]), ylim=(0.0, tracks.size[1]), aspect="equal", title=title)
     axis.set(xlabel="x [m]", ylabel="y [m]")
+
+
+def _plume(axis: Any, title: str, plume: Plume) -> None:
+    from matplotlib.colors import LogNorm
+
+    from taichi_plume.report.theme import GAS
+
+    shown = axis.imshow(
+        np.maximum(plume.ppm.T, LEAST_PPM),
+        origin="lower",
+        extent=(0.0, plume.size[0], 0.0, plume.size[1]),
+        cmap=GAS,
+        norm=LogNorm(LEAST_PPM, MOST_PPM),
+    )
+    axis.figure.colorbar(shown, ax=axis, label="ppm", shrink=0.7)
+    axis.plot(*plume.nodes.T, "k+", markersize=4)
+    axis.plot(*plume.source, "k*", markersize=9)
+    axis.set(aspect="equal", title=title, xlabel="x [m]", ylabel="y [m]")

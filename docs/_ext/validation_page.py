@@ -6,6 +6,7 @@ which experiments.md includes, and validation/plots/.
 
 import json
 import re
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
@@ -43,8 +44,8 @@ GROUPS = (
         "Published searches and maps, in many trials, with 95 % confidence intervals over flow realisations (airs). "
         "The papers omit many details, so agreement in ranking and magnitude is the target. What is reproduced, what "
         "is not, and why: [The papers again](experiments.md).",
-        r"plumesim_casting|plumesim_hybrid|spiral_table2|spiral_scan|calibration_box|dapso_arena|infotaxis_grid|"
-        r"odor_mapping|mapping_scan",
+        r"plumesim_casting|plumesim_hybrid|plumesim_figures|spiral_table2|spiral_scan|calibration_box|dapso_arena|"
+        r"infotaxis_grid|odor_mapping|mapping_scan",
     ),
     (
         "Measured rooms and plumes",
@@ -331,17 +332,34 @@ def _lines(axis: Any, picture: dict[str, Any]) -> None:
 
 
 def _tracks(axis: Any, picture: dict[str, Any]) -> None:
-    for way in picture["ways"]:
+    names = picture.get("names", ())
+    for way, name in zip_longest(picture["ways"], names):
         x, y = zip(*way, strict=True)
-        axis.plot(x, y, linewidth=0.8)
+        axis.plot(x, y, linewidth=0.8, label=name)
         axis.plot(x[0], y[0], "ko", markersize=2)
+    if names:
+        axis.legend(fontsize=6)
     axis.plot(*picture["source"], "k*", markersize=7)
     axis.set(xlim=(0.0, picture["size"][0]), ylim=(0.0, picture["size"][1]), aspect="equal")
     axis.set(xlabel="x [m]", ylabel="y [m]")
+
+
+def _plume(axis: Any, picture: dict[str, Any]) -> None:
+    import numpy as np
+    from matplotlib.colors import LogNorm
+
+    width, height = picture["size"]
+    ppm = np.maximum(np.array(picture["ppm"]).T, 1.0)
+    extent = (0.0, width, 0.0, height)
+    shown = axis.imshow(ppm, origin="lower", extent=extent, cmap="YlOrRd", norm=LogNorm(1.0, 100.0))
+    axis.figure.colorbar(shown, ax=axis, label="ppm", shrink=0.7)
+    axis.plot(*zip(*picture["nodes"], strict=True), "k+", markersize=3)
+    axis.plot(*picture["source"], "k*", markersize=7)
+    axis.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
 
 
 def _numbers(values: list[float | None]) -> list[float]:
     return [float("nan") if value is None else value for value in values]
 
 
-DRAWN = {"errors": _errors, "curve": _curve, "lines": _lines, "tracks": _tracks}
+DRAWN = {"errors": _errors, "curve": _curve, "lines": _lines, "tracks": _tracks, "plume": _plume}

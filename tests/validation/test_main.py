@@ -11,7 +11,7 @@ from taichi_plume.validation import report
 from taichi_plume.validation.__main__ import main
 from taichi_plume.validation.case import Answer, Case, Curve, Expected
 from taichi_plume.validation.cases import CASES
-from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Tracks
+from taichi_plume.validation.experiment import Condition, Experiment, Mean, Plume, Range, Tracks
 from taichi_plume.validation.report import plain
 
 pytestmark = pytest.mark.slow
@@ -95,6 +95,14 @@ def test_pictures_are_thinned_and_rounded_for_json():
     assert len(points) <= 80
     assert points[0] == [0.0, None]
     assert points[-1] == [3.142, None]
+
+
+def test_a_picture_of_a_plume_keeps_its_columns_and_rows():
+    ppm = np.arange(6.0).reshape(3, 2)
+    plume = Plume((3.0, 2.0), (0.1, 1.5), np.array([[1.0, 0.5]]), ppm)
+    (reported,) = plain({"plume": plume}).values()
+    assert reported["kind"] == "plume"
+    assert (reported["ppm"], reported["nodes"]) == (ppm.tolist(), [[1.0, 0.5]])
 
 
 def test_a_column_is_as_good_as_a_row_in_json():
