@@ -194,6 +194,24 @@ def further_gas_sensors(most: int) -> tuple[Column, ...]:
     )
 
 
+RANGE = "range"
+"""First part of the names of the columns that range sensors write."""
+
+
+def range_columns(most: int) -> tuple[Column, ...]:
+    """Return a column for each range sensor; most: largest number of range sensors of a robot."""
+    return tuple(
+        Column(
+            "m",
+            f"distance that range sensor {k} measures, from 0 on; the largest range if nothing is nearer",
+            key=f"{RANGE}_{k}_m",
+            tabled=True,
+            name=f"{RANGE}_{k}",
+        )
+        for k in range(most)
+    )
+
+
 class Rows:
     """Selected columns of `size` robots from index `start` on."""
 

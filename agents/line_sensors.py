@@ -29,14 +29,63 @@ MOST_POINTS = 20_000
 
 
 class Surroundings:
-    """Surfaces that stop laser beams. level: object whose ti.func ``distance(x)`` returns the distance to the next
-    obstacle [m], negative inside; None without obstacles. extent: size of the domain per axis [m]. step: default
-    distance of points along a beam [m]; cell: edge of the grid cells [m].
+    """Surfaces that stop the beams of lasers and the rays of range sensors.
+
+    level: object whose ti.func ``distance(x)`` returns the distance to the next obstacle [m], negative inside; None
+    without obstacles. extent: size of the domain per axis [m]. step: default distance of points along a beam [m]; cell:
+    edge of the grid cells [m].
     """
 
     def __init__(self, level: object, extent: Sequence[float], step: float, cell: float):
         self.level, self.extent, self.step, self.cell = level, tuple(extent), step, cell
-        self.stands = level is not None
+        self.stands, self.dim = level is not None, len(self.extent)
+
+    @ti.func
+    def reach(self, swarm: Template, x, e, end):
+        """Return the length [m] of a beam from x along e, to the first surface or at most `end`."""
+        for d in ti.static(range(self.dim)):
+            if e[d] > 0.0:
+                end = ti.min(end, (self.extent[d] - x[d]) / e[d])
+            elif e[d] < 0.0:
+                end = ti.min(end, -x[d] / e[d])
+        end = ti.max(self._of_walkers(swarm, x, e, end), 0.0)
+        if ti.static(self.stands):
+            end = self._of_obstacles(x, e, end)
+        return end
+
+    @ti.func
+    def _of_walkers(self, swarm: Template, x, e, end):
+        """Return the length [m] of a beam from x along e, at most `end`, up to the first moving obstacle."""
+        level = ti.Vector([e[0], e[1]])
+        cosine = ti.max(level.norm(), 1e-6)
+        for k in range(swarm.walker_count):
+            to = swarm.discs[k] - ti.Vector([x[0], x[1]])
+            along = to.dot(level) / cosine
+            inside = swarm.disc_radius[k] ** 2 - (to.norm_sqr() - along**2)
+            if along > 0.0 and inside > 0.0:
+                end = ti.min(end, (along - ti.sqrt(inside)) / cosine)
+        return end
+
+    @ti.func
+    def _of_obstacles(self, x, e, end):
+        """Return the length [m] of a beam from x along e, at most `end`, up to the first obstacle."""
+        free, s, strides = 0.0, 0.0, 0
+        least = ti.static(0.1 * self.cell)
+        while s < end and strides < STRIDES:
+            strides += 1
+            away = self.level.distance(x + s * e)
+            if away > 0.0:
+                free = s
+                s += ti.max(SAFE * away, least)
+            else:
+                end = s
+                for _ in range(HALVINGS):
+                    middle = 0.5 * (free + end)
+                    if self.level.distance(x + middle * e) > 0.0:
+                        free = middle
+                    else:
+                        end = middle
+        return end
 
 
 class LineSensors(GasSensors):
@@ -75,58 +124,10 @@ class LineSensors(GasSensors):
         return e
 
     @ti.func
-    def reach(self, n, x, e):
-        """Return the length [m] of sensor n's beam from x along e, to the first surface or to its range."""
-        end = self.beam.range[n]
-        for d in ti.static(range(self.dim)):
-            if e[d] > 0.0:
-                end = ti.min(end, (self.around.extent[d] - x[d]) / e[d])
-            elif e[d] < 0.0:
-                end = ti.min(end, -x[d] / e[d])
-        end = ti.max(self._of_walkers(x, e, end), 0.0)
-        if ti.static(self.around.stands):
-            end = self._of_obstacles(x, e, end)
-        return end
-
-    @ti.func
-    def _of_walkers(self, x, e, end):
-        """Return the length [m] of a beam from x along e, at most `end`, up to the first moving obstacle."""
-        level = ti.Vector([e[0], e[1]])
-        cosine = ti.max(level.norm(), 1e-6)
-        for k in range(self.swarm.walker_count):
-            to = self.swarm.discs[k] - ti.Vector([x[0], x[1]])
-            along = to.dot(level) / cosine
-            inside = self.swarm.disc_radius[k] ** 2 - (to.norm_sqr() - along**2)
-            if along > 0.0 and inside > 0.0:
-                end = ti.min(end, (along - ti.sqrt(inside)) / cosine)
-        return end
-
-    @ti.func
-    def _of_obstacles(self, x, e, end):
-        """Return the length [m] of a beam from x along e, at most `end`, up to the first obstacle."""
-        free, s, strides = 0.0, 0.0, 0
-        least = ti.static(0.1 * self.around.cell)
-        while s < end and strides < STRIDES:
-            strides += 1
-            away = self.around.level.distance(x + s * e)
-            if away > 0.0:
-                free = s
-                s += ti.max(SAFE * away, least)
-            else:
-                end = s
-                for _ in range(HALVINGS):
-                    middle = 0.5 * (free + end)
-                    if self.around.level.distance(x + middle * e) > 0.0:
-                        free = middle
-                    else:
-                        end = middle
-        return end
-
-    @ti.func
     def exposure(self, gas: Template, n, i, t, tick, deviate):
         """Return the gas integral along the beam of sensor n, on robot i, at time t [s], by species weights [ppm m]."""
         x, e = self.place(n, i), self.direction(n, i, t)
-        end = self.reach(n, x, e)
+        end = self.around.reach(self.swarm, x, e, self.beam.range[n])
         count = ti.math.clamp(ti.cast(ti.ceil(end * self.beam.per_step[n]), ti.i32), 1, MOST_POINTS)
         step, total = end / count, 0.0
         for k in range(count):

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume.agents.columns import Rows
+from taichi_plume.agents.columns import RANGE, Rows
 from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.own_robots import GOALS, Outputs, Robots, readable_columns, writable_columns
@@ -124,10 +124,9 @@ class OwnAlgorithm:
         self.commands, goals = writable_columns(self.flies), GOALS if self.flies else ()
         self.readings = Rows(swarm, readable_columns(self.flies), group.start, group.size)
         self.orders = Rows(swarm, (*self.commands, *goals), group.start, group.size)
-        further = {f"reading_{k}" for k in range(1, len(group.model.sensors.noses))}
-        self.further = Rows(
-            swarm, [column for column in swarm.columns if column.name in further], group.start, group.size
-        )
+        sensors = group.model.sensors
+        self.further = self._rows({f"reading_{k}" for k in range(1, len(sensors.noses))})
+        self.ranges = self._rows({f"{RANGE}_{k}" for k in range(sensors.ranges)})
         self.words = self._words(group.count)
         self.messages = Messages(members, self.words) if self.words else None
         self.DECISIONS: tuple[Decision, ...] = self._decisions()
@@ -139,6 +138,11 @@ class OwnAlgorithm:
             self.STATE_NAMES = tuple(map(str, getattr(self.algorithm, "STATE_NAMES", ("SEARCH",))))
         self.kept = UserState(self.path, self.algorithm)
         self.STATE = ("robots", "messages", *(("kept",) if self.can_be_saved else ()))
+
+    def _rows(self, names: set[str]) -> Rows:
+        """Return the columns of these names, of the group's robots."""
+        columns = [column for column in self.swarm.columns if column.name in names]
+        return Rows(self.swarm, columns, self.start, self.size)
 
     def _words(self, count: int) -> int:
         """Return MESSAGE, the class's count of numbers in a message. Raises OwnAlgorithmError if not allowed."""
@@ -190,6 +194,7 @@ class OwnAlgorithm:
         robots.readings = np.column_stack(
             [robots.reading, *(self.further.read() if self.further.columns else ())]
         )
+        robots.ranges = np.column_stack([np.zeros((self.size, 0)), *self.ranges.read()])
         with failures_named(self.path), robots.sealed():
             self.algorithm.act(robots)
             commands = [self._checked(column.written_as) for column in self.commands]

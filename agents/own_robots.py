@@ -38,13 +38,12 @@ class Robots(KnownAttributes):
     """Robots of an algorithm: readings and commands, as arrays over the n robots.
 
     Read: `reading` [ppm], the first column of `readings` (n, gas sensors) [ppm]; `wind` (n, 2) [m/s], zero if not
-    `wind_known`; `position` (n, 2) [m], `heading` [rad] and `path_length` [m], with the errors of the group's
-    `localization`; `blocked`, the bumper; `trial` and `robot`, numbers of each; `t`, `dt` [s]; of classes with a
-    MESSAGE `heard` (n, robots of a team, MESSAGE), the last message from each mate, NaN if none, and `heard_at` (n,
-    robots of a team), its time [s]. Write: `speed` [m/s]; `turn_rate` [rad/s]; `state`, whole numbers that index the
-    algorithm's STATE_NAMES.
-    Other attributes cannot be set: AttributeError. Call: `turn_to`, `declare`, `tell`; `said` holds the declarations
-    and messages of this time step.
+    `wind_known`; `ranges` (n, range sensors) [m]; `position` (n, 2) [m], `heading` [rad] and `path_length` [m], with
+    the errors of the group's `localization`; `blocked`, the bumper; `trial` and `robot`, numbers of each; `t`, `dt`
+    [s]; of classes with a MESSAGE `heard` (n, robots of a team, MESSAGE), the last message from each mate, NaN if none,
+    and `heard_at` (n, robots of a team), its time [s]. Write: `speed` [m/s]; `turn_rate` [rad/s]; `state`, whole
+    numbers that index the algorithm's STATE_NAMES. Other attributes cannot be set: AttributeError. Call: `turn_to`,
+    `declare`, `tell`; `said` holds the declarations and messages of this time step.
 
     Of drones also, read: `altitude` [m]. Write: `left_speed` [m/s], `climb_rate` [m/s]. Call in each step: `go_to`.
 
@@ -88,7 +87,7 @@ class Robots(KnownAttributes):
         self.trial, self.robot = trial, robot
         self.t, self.dt = 0.0, 0.0
         self.heard, self.heard_at = heard, heard_at
-        self.readings = np.zeros((n, 1))
+        self.readings, self.ranges = np.zeros((n, 1)), np.zeros((n, 0))
         self.said = Outputs(n, heard.shape[2])
         arrays = {column.read_as: column.zeros(n) for column in readable_columns(flies)}
         for column in writable_columns(flies):

@@ -1,4 +1,4 @@
-"""All sensors of the robots: gas sensors, lasers and anemometers, with a kernel for each law."""
+"""All sensors of the robots: gas sensors, lasers, anemometers and range sensors, with a kernel for each law."""
 
 from collections.abc import Callable, Sequence
 from math import exp
@@ -10,6 +10,7 @@ from taichi_plume.agents.gas_sensors import GasSensors
 from taichi_plume.agents.heated_sensors import HeatedSensors
 from taichi_plume.agents.line_sensors import LineSensors, Surroundings
 from taichi_plume.agents.members import Members
+from taichi_plume.agents.range_sensors import RangeSensors
 from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.engine import ti
@@ -22,12 +23,12 @@ WARMING = 900.0  # s, time constant of the heater warm-up after a cold start: ou
 
 
 class Sensors:
-    """Gas sensors and anemometers of all robots, measured in one launch per sensor law.
+    """Sensors of all robots: gas sensors and anemometers, measured in one launch per law, and range sensors.
 
     The first gas sensors are measured with the anemometers (`vanes`), each further gas sensor (`others`) in its own
     launch. dim: dimension of gas and wind; in 3-D the sensors sit at their heights. tick: control period [s]. species:
-    of the gas. around: returns the surfaces that stop laser beams; called only if there are lasers. fluctuates: whether
-    point sensors feel unresolved fluctuations of the gas.
+    of the gas. around: returns the surfaces that stop beams; called only if there are lasers or range sensors.
+    fluctuates: whether point sensors feel unresolved fluctuations of the gas.
     """
 
     STATE: tuple[str, ...] = ("noses", "vanes")
@@ -48,7 +49,11 @@ class Sensors:
             for slot, sensor in enumerate(group.model.sensors.noses):
                 alike.setdefault((slot, sensor.law, sensor.cycled), []).append(group.number)
         members = {key: Members(swarm, numbers) for key, numbers in alike.items()}
-        stops = around() if around and any(law == "line" for _, law, _ in alike) else None
+        with_ranges = [group.number for group in swarm.groups if group.model.sensors.ranges]
+        stops = None
+        if around and (with_ranges or any(law == "line" for _, law, _ in alike)):
+            stops = around()
+        self.ranges = RangeSensors(Members(swarm, with_ranges), dim, stops) if stops and with_ranges else None
         made = {}
         for (slot, law, cycled), some in members.items():
             all_alike = some, LAWS[law], dim, tick, species, slot
@@ -69,6 +74,8 @@ class Sensors:
                 self._sense(sensor, anemometer, gas, wind, tick, t, exp(-t / WARMING))
             for sensor in self.others:
                 self._sense(sensor, None, gas, wind, tick, t, exp(-t / WARMING))
+            if self.ranges is not None:
+                self.ranges.measure(tick)
 
     @ti.kernel
     def _sense(

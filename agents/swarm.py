@@ -12,7 +12,7 @@ import numpy as np
 
 from taichi_plume.agents.camera import Camera
 from taichi_plume.agents.collisions import CLEAR, PINNED, PUSHED, SKIN, Contact
-from taichi_plume.agents.columns import Rows, columns_of, further_gas_sensors
+from taichi_plume.agents.columns import Rows, columns_of, further_gas_sensors, range_columns
 from taichi_plume.agents.flight import FREE, Flying
 from taichi_plume.agents.groups import GroupRange, ranges
 from taichi_plume.agents.odometry import Odometry, Reckoning
@@ -78,7 +78,10 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         self.flies = any(group.body.flies for group in groups)
         self.reckons = any(group.localization for group in groups)
         self.sees = any(isinstance(group.localization, CameraModel) for group in groups)
-        further = further_gas_sensors(max((len(group.sensors.noses) for group in groups), default=1))
+        further = (
+            *further_gas_sensors(max((len(group.sensors.noses) for group in groups), default=1)),
+            *range_columns(max((group.sensors.ranges for group in groups), default=0)),
+        )
         self.columns = (*columns_of(self.flies, bool(walkers)), *further)
         self.STATE = tuple(column.name for column in self.columns)
         self._allocate(n, self.reckons)

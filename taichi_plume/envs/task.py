@@ -88,6 +88,8 @@ def require_task(scenario: Scenario) -> None:
     if group.body.flies:
         what = f"has the body of a {group.body.kind}, which flies; use a robot that stays on the floor"
         raise ScenarioError([f"robots: group '{name}' {what}"])
+    if group.sensors.range is not None:
+        raise ScenarioError([f"robots: sensors.range of '{name}': environments do not support range sensors"])
     for path, sensor in group.sensors.placed():
         if sensor.kind == "tdlas":
             raise ScenarioError([f"robots: {path}.kind of '{name}': environments do not support tdlas"])

@@ -175,6 +175,8 @@ class Group(Model):
             "body.height": self.body.height,
             **{f"{path}.height": sensor.height for path, sensor in self.sensors.placed()},
         }
+        if self.sensors.range is not None:
+            heights["sensors.range.height"] = self.sensors.range.height
         base = self.start_altitude
         for key, height in heights.items():
             if height > ceiling:

@@ -1,4 +1,4 @@
-"""Sensors of the robots: gas sensors, and anemometers with their threshold, lag and noise.
+"""Sensors of the robots: gas sensors, anemometers with their threshold, lag and noise, and range sensors.
 
 To add a gas sensor: write a `GasSensor` in gas_sensors.py (a metal oxide: an entry in metal_oxides.py) and enter it in
 `Sensors`; name one of the laws of agents/gas_laws.py, or write another there.
@@ -12,7 +12,8 @@ from pydantic import Discriminator, Field, Tag
 from taichi_plume.scenario import si
 from taichi_plume.scenario.gas_sensors import GasSensor, IdealGasSensor, PidSensor, TdlasSensor
 from taichi_plume.scenario.metal_oxides import MoxSensor
-from taichi_plume.scenario.vocabulary import Model
+from taichi_plume.scenario.quantities import number
+from taichi_plume.scenario.vocabulary import Model, consistency_check
 
 __all__ = ["Anemometer", "GasSensor", "IdealGasSensor", "MoxSensor", "PidSensor", "Sensors", "TdlasSensor"]
 
@@ -22,6 +23,8 @@ WIND_THRESHOLD = {"ultrasonic": 0.01, "thermal": 0.05, "ideal": 0.0}  # m/s
 WIND_LAG = {"ultrasonic": 0.1, "thermal": 0.5, "ideal": 0.0}  # s
 WIND_NOISE = 0.01  # m/s
 WIND_NOISE_RELATIVE = 0.02
+MOST_RANGES = 16
+View = Annotated[float, *number(0, 180, "deg")]
 
 
 class Anemometer(Model):
@@ -60,6 +63,33 @@ class Anemometer(Model):
         return WIND_NOISE, WIND_NOISE_RELATIVE
 
 
+class RangeSensors(Model):
+    """Range sensors, such as sonars: distance from the robot's rim to the nearest surface within the cone of each.
+
+    Surfaces are walls of the domain, obstacles, moving ones too, and other robots of the trial.
+    """
+
+    bearings_deg: Annotated[tuple[si.Angle, ...], Field(min_length=1, max_length=MOST_RANGES)] = (
+        90.0, 45.0, 0.0, -45.0, -90.0,
+    )  # fmt: skip
+    """Direction of each sensor from the robot's heading, to the left."""
+    field_of_view_deg: View = 55.0
+    """Full angle of each cone; 0: a single ray, as of a laser range finder. The default is that of an SRF08 sonar."""
+    min_range: si.Distance = 0.03
+    """Smallest reading; nearer surfaces read this. The default is that of an SRF08 sonar."""
+    max_range: si.Length = 6.0
+    """Largest reading, also if nothing is in the cone. The default is that of an SRF08 sonar."""
+    noise: si.Distance = 0.01
+    """Noise of a reading, as standard deviation; our choice."""
+    height: si.Distance = 0.1
+    """Height over the lower end of the body; 3-D only."""
+
+    @consistency_check
+    def _ordered(self) -> Iterator[str]:
+        if self.min_range >= self.max_range:
+            yield f"min_range: {self.min_range:g} m is not below max_range, {self.max_range:g} m; lower it"
+
+
 OneGasSensor = Annotated[MoxSensor | PidSensor | TdlasSensor | IdealGasSensor, Field(discriminator="kind")]
 MOST_NOSES = 8
 
@@ -81,6 +111,13 @@ class Sensors(Model):
     and policies use the first, unless they take several."""
     wind: Anemometer = Anemometer(kind="ultrasonic")
     """Anemometer of each robot."""
+    range: RangeSensors | None = None
+    """Range sensors of each robot, such as sonars; unless given, none. Own algorithms read them."""
+
+    @property
+    def ranges(self) -> int:
+        """Number of range sensors of a robot."""
+        return 0 if self.range is None else len(self.range.bearings_deg)
 
     @property
     def noses(self) -> "tuple[MoxSensor | PidSensor | TdlasSensor | IdealGasSensor, ...]":
