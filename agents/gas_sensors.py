@@ -23,6 +23,7 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import normal4
 
 HOUR = 3600.0
+LARGEST = 10.0  # standard deviation of fluctuations over the mean, at the edge of a plume: our choice
 
 
 class GasSensors:
@@ -136,7 +137,7 @@ class GasSensors:
         kept = ti.select(tick == 1, 0.0, exp(-self.tick * gas.turnover(x, v, t)))
         y = kept * self.fluctuation[n] + ti.sqrt(1.0 - kept * kept) * deviate
         self.fluctuation[n] = y
-        relative = gas.deviation(x, t) / ti.max(ppm, 1e-20)
+        relative = ti.min(gas.deviation(x, t) / ti.max(ppm, 1e-20), LARGEST)
         variance = ti.log(1.0 + relative * relative)
         return ti.exp(ti.sqrt(variance) * y - 0.5 * variance)
 

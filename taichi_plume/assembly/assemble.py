@@ -106,14 +106,13 @@ def build(
     context = Context(scenario, resources, grid, air, scalars, weighing, _stirring(scenario, swarm, grid))
     wind = _wind(context, film)
     gases = [_gas(context, path, model, wind, film) for path, model in scenario.gases]
-    fluctuating = [getattr(model, "fluctuations", False) for _, model in scenario.gases]
-    gas = Mixture(
-        gases,
-        [
-            Unresolved(cast(GridGas, one), wind) if on else None
-            for one, on in zip(gases, fluctuating, strict=True)
-        ],
-    )
+    unresolved = [
+        Unresolved(cast(GridGas, gas), wind, model.vapour.diffusivity)
+        if getattr(model, "fluctuations", False)
+        else None
+        for gas, (_, model) in zip(gases, scenario.gases, strict=True)
+    ]
+    gas = Mixture(gases, unresolved)
     if film is None:
         set_initial_conditions(scenario, resources, wind, gas.gases)
     around = partial(_around, scenario, grid, air)
