@@ -44,7 +44,7 @@ GROUPS = (
         "Published searches and maps, in many trials, with 95 % confidence intervals over flow realisations (airs). "
         "The papers omit many details, so agreement in ranking and magnitude is the target. What is reproduced, what "
         "is not, and why: [The papers again](experiments.md).",
-        r"plumesim_casting|plumesim_hybrid|plumesim_figures|spiral_table2|spiral_scan|calibration_box|dapso_arena|"
+        r"plumesim_casting|plumesim_hybrid|plumesim_figures|spiral_(gas|table2|scan)|calibration_box|dapso_arena|"
         r"infotaxis_grid|odor_mapping|mapping_scan",
     ),
     (
