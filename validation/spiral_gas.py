@@ -238,13 +238,18 @@ def orders(reading: np.ndarray) -> dict[str, dict[float, float]]:
 
 
 def falls_within(profile: np.ndarray) -> float:
-    """Return the distance [m] in which a plume's profile at ASIDE falls from 0.9 to 0.1 of its value on the axis."""
+    """Return the distance [m] in which a plume's profile at ASIDE falls from 0.9 to 0.1 of its value on the axis.
+
+    Infinite if the profile ends before.
+    """
     relative = profile / profile[0]
-    ends = [np.argmax(relative < level) for level in (0.9, 0.1)]
-    places = [
-        np.interp(level, relative[[n, n - 1]], ASIDE[[n, n - 1]]) if n else np.inf
-        for n, level in zip(ends, (0.9, 0.1), strict=True)
-    ]
+    places = []
+    for level in (0.9, 0.1):
+        below = np.flatnonzero(relative < level)
+        if not len(below):
+            return np.inf
+        ends = [below[0], below[0] - 1]
+        places.append(np.interp(level, relative[ends], ASIDE[ends]))
     return float(places[1] - places[0])
 
 

@@ -18,7 +18,7 @@ def series(values: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("air", case.ROOMS)
 def test_rows_of_sensors_start_30_cm_from_the_dish(air):
     scenario = scenario_of(case.scenario(air, 0, fluctuations=True))
-    (dish,), (sensors,) = (source for _, source in [scenario.sources[0]]), scenario.robots
+    (_, dish), (sensors,) = scenario.sources[0], scenario.robots
     places = np.array(sensors.start.positions)  # pyright: ignore[reportAttributeAccessIssue]
     apart = places - dish.position[:2]
     distances = np.hypot(*apart.T)
@@ -33,7 +33,7 @@ def test_rows_of_sensors_start_30_cm_from_the_dish(air):
 
 
 def test_index_of_a_wave_is_its_mean_and_half_of_each_peak():
-    wave = series(7.0 + 2.0 * np.sin(2 * np.pi * (T - 1.0) / 5.0))  # sampled at its peaks
+    wave = series(7.0 + 2.0 * np.sin(2 * np.pi * (T - 1.25) / 5.0))  # sampled at its peaks
     assert case.indices(wave, 30.0, 5.0, 0.5).ravel() == pytest.approx(4 * [7.0 + 6 * 0.5 * 2.0], rel=0.01)
     assert case.indices(wave, 30.0, 15.0, 1.0).ravel() == pytest.approx(4 * [7.0 + 2 * 2.0], rel=0.01)
     assert case.indices(wave, 10.0, 5.0, 0.5).ravel() == pytest.approx(12 * [7.0 + 2 * 0.5 * 2.0], rel=0.01)
