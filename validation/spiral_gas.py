@@ -80,8 +80,6 @@ FAN_WARM_UP = 20.0  # s, in which the jet crosses the domain several times
 ACROSS, ASIDE = 0.8, np.arange(0.0, 1.3, 0.025)  # m: distance of the plume's profile, and its points
 DRAWN = 120.0  # s
 
-DISCUSSION = ""
-
 
 class Series(NamedTuple):
     """Readings and gas [ppm] every SAMPLE, (n, directions, ROW), NaN where no sensor stands; mean gas at ASIDE."""
@@ -399,6 +397,5 @@ CASES = (
         evidence="published",
         trials=6,
         test_trials=0,
-        discussion=DISCUSSION,
     ),
 )
