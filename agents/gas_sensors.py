@@ -134,8 +134,8 @@ class GasSensors:
         v = ti.Vector.zero(ti.f32, self.dim)
         for d in ti.static(range(2)):
             v[d] = self.swarm.velocity[i][d]
-        kept = ti.select(tick == 1, 0.0, exp(-self.tick * gas.turnover(x, v, t)))
-        y = kept * self.fluctuation[n] + ti.sqrt(1.0 - kept * kept) * deviate
+        memory = ti.select(tick == 1, 0.0, exp(-self.tick * gas.turnover(x, v, t)))
+        y = memory * self.fluctuation[n] + ti.sqrt(1.0 - memory * memory) * deviate
         self.fluctuation[n] = y
         relative = ti.min(gas.deviation(x, t) / ti.max(ppm, 1e-20), LARGEST)
         variance = ti.log(1.0 + relative * relative)

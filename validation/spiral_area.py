@@ -109,9 +109,9 @@ def searched(trials: int, factor: int) -> Mapping[tuple[str, int], Mapping[str, 
         afresh()
         columns = contest(area(air, list(robots.values()), HOUR, factor))
         for row, group in robots.items():
-            one = columns[group["name"]]
-            time = np.where(one["success"], one["time_s"], HOUR).tolist()
-            parts.append((row, one | {"time": time, "air": [air] * share}))
+            outcomes = columns[group["name"]]
+            time = np.where(outcomes["success"], outcomes["time_s"], HOUR).tolist()
+            parts.append((row, outcomes | {"time": time, "air": [air] * share}))
     return pooled(parts)
 
 

@@ -173,8 +173,8 @@ def chance_of_variation(values: np.ndarray, air: np.ndarray, published: Sample) 
     trial = np.arange(published.n)
     airs = rng.integers(len(counts), size=(RESAMPLES, trial[-1] // SESSION + 1))[:, trial // SESSION]
     drawn = sorted_values[starts[airs] + rng.integers(counts[airs])]
-    few = drawn.std(axis=1, ddof=1) <= published.variation * drawn.mean(axis=1)
-    return Mean(float(few.mean()), None, None, RESAMPLES)
+    as_low = drawn.std(axis=1, ddof=1) <= published.variation * drawn.mean(axis=1)
+    return Mean(float(as_low.mean()), None, None, RESAMPLES)
 
 
 @cache

@@ -284,21 +284,21 @@ def results(airs: int, air: str, fluctuations: bool) -> Results:
     def note(name: str, values: Sequence[float], limits: tuple[float, float] = (0.0, np.inf)) -> None:
         found[name] = over_airs(values, limits=limits)
 
-    along = [variation(one.reading)[0] for one in series]  # of the row that is drawn
+    along = [variation(each.reading)[0] for each in series]  # of the row that is drawn
     note(MEAN_VARIATION, [row.mean() for row in along])
     if air == "no wind":
         still = [variation(listened("fan", n, fluctuations).reading)[0].mean() for n in range(airs)]
         note(RATIO, [row.mean() / calm for row, calm in zip(along, still, strict=True)])
-        counted = [peaks(one.reading) for one in series]
+        counted = [peaks(each.reading) for each in series]
         note(COUNT, [ranks(count) for count, _ in counted], CORRELATION)
         note(HEIGHT, [ranks(height) for _, height in counted], CORRELATION)
         for k, d in enumerate(ROW):
             note(f"peaks in 30 s, {d} cm", [count[:, k].mean() for count, _ in counted])
             note(f"height of peaks [ppm], {d} cm", [height[:, k].mean() for _, height in counted])
-        note(INSTANT, [in_order(one.reading, neighbours=True) for one in series], SHARE)
-        means = [one.reading[:, :, 0].mean(axis=0) for one in series]
+        note(INSTANT, [in_order(each.reading, neighbours=True) for each in series], SHARE)
+        means = [each.reading[:, :, 0].mean(axis=0) for each in series]
         note(EVEN, [mean.min() / mean.max() for mean in means], SHARE)
-        shares = [orders(one.reading) for one in series]
+        shares = [orders(each.reading) for each in series]
         longer = [share["Delta T"][WINDOWS[-1]] - share["Delta T"][WINDOWS[0]] for share in shares]
         note(LONGER, longer, CORRELATION)
         spreads = [{name: float(np.ptp(list(by.values()))) for name, by in share.items()} for share in shares]
@@ -309,29 +309,29 @@ def results(airs: int, air: str, fluctuations: bool) -> Results:
             for value in by:
                 note(ORDER(name, value), [share[name][value] for share in shares], SHARE)
     else:
-        down = [one.reading[:, 0] for one in series]
+        down = [each.reading[:, 0] for each in series]
         note(INSTANT, [in_order(row, neighbours=True) for row in down], SHARE)
         note(FALLS, [in_order(row.mean(axis=0), neighbours=True) for row in down], SHARE)
-        note(EDGE, [falls_within(one.across) for one in series])
+        note(EDGE, [falls_within(each.across) for each in series])
         upwind = DIRECTIONS[air].index(180)
-        gas = [one.gas[:, :, 0].mean(axis=0) for one in series]
+        gas = [each.gas[:, :, 0].mean(axis=0) for each in series]
         note(UPWIND, [mean[upwind] / mean[0] for mean in gas], SHARE)
-        across = np.mean([one.across / one.across[0] for one in series], axis=0)
+        across = np.mean([each.across / each.across[0] for each in series], axis=0)
         found["figure 2: mean gas across the plume at 80 cm"] = Lines(
             "distance from the axis [m]", "gas over that on the axis", ASIDE, {"mean": across}
         )
     rows = slice(None) if air == "no wind" else slice(0, 1)
     for k, d in enumerate(ROW):
         note(VARIES(d), [row[k] for row in along])
-        gas = [one.gas[:, rows, k] for one in series]
-        note(f"c'/C of the gas within 30 s, {d} cm", [variation(one).mean() for one in gas])
-        note(f"c'/C of the gas, {d} cm", [(one.std(axis=0) / one.mean(axis=0)).mean() for one in gas])
-        least = [PRESENT * one.gas[:, rows, 0].mean() for one in series]
-        present = [(one > limit).mean() for one, limit in zip(gas, least, strict=True)]
+        gas = [each.gas[:, rows, k] for each in series]
+        note(f"c'/C of the gas within 30 s, {d} cm", [variation(values).mean() for values in gas])
+        note(f"c'/C of the gas, {d} cm", [(values.std(axis=0) / values.mean(axis=0)).mean() for values in gas])
+        least = [PRESENT * each.gas[:, rows, 0].mean() for each in series]
+        present = [(values > limit).mean() for values, limit in zip(gas, least, strict=True)]
         note(f"intermittency, {d} cm", present, SHARE)
-        note(f"mean reading [ppm], {d} cm", [one.reading[:, rows, k].mean() for one in series])
+        note(f"mean reading [ppm], {d} cm", [each.reading[:, rows, k].mean() for each in series])
         if k + 1 < len(ROW):
-            pairs = [one.reading[:, rows, k] > one.reading[:, rows, k + 1] for one in series]
+            pairs = [each.reading[:, rows, k] > each.reading[:, rows, k + 1] for each in series]
             note(AT(d, ROW[k + 1]), [pair.mean() for pair in pairs], SHARE)
     figure = "figure 3: no wind" if air == "no wind" else "figure 2: fan"
     drawn = series[0].reading[: round(DRAWN / SAMPLE), 0]

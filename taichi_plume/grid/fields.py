@@ -206,7 +206,7 @@ class Mixture:
 
     def __init__(self, gases: Sequence[Gas], unresolved: Sequence[Any] = ()):
         self.gases, self.unresolved = tuple(gases), tuple(unresolved) or (None,) * len(gases)
-        self._stirred = tuple(g for g, one in enumerate(self.unresolved) if one is not None)
+        self._stirred = tuple(g for g, each in enumerate(self.unresolved) if each is not None)
         self.fluctuates = bool(self._stirred)
         self.species = tuple(dict.fromkeys(gas.species for gas in gases))
         self._which = tuple(self.species.index(gas.species) for gas in gases)

@@ -70,7 +70,7 @@ class Camera(Model):
     heading_noise_deg: si.AngleNoise = 2.0
     """Standard deviation of the heading in a frame."""
     rate: Annotated[si.FrameRate, SHAPE] = 10.0
-    """Frames per second."""
+    """Number of frames per second."""
     delay: Annotated[si.Latency, SHAPE] = 0.1
     """Time from the exposure of a frame until the robots have its poses."""
 

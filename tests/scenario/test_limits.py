@@ -79,6 +79,7 @@ OTHERS = {
     "Prism.vertices": "of two each, in any run",
     "Motion.path": "of three each, in any run",
     "StartAt.positions": "of two each, in any run",
+    "RangeSensors.bearings_deg": "one per sensor",
 }
 """Lists of numbers that are no vectors, though none has a fixed length."""
 
