@@ -325,7 +325,9 @@ def results(airs: int, air: str, fluctuations: bool) -> Results:
         note(VARIES(d), [row[k] for row in along])
         gas = [each.gas[:, rows, k] for each in series]
         note(f"c'/C of the gas within 30 s, {d} cm", [variation(values).mean() for values in gas])
-        note(f"c'/C of the gas, {d} cm", [(values.std(axis=0) / values.mean(axis=0)).mean() for values in gas])
+        note(
+            f"c'/C of the gas, {d} cm", [(values.std(axis=0) / values.mean(axis=0)).mean() for values in gas]
+        )
         least = [PRESENT * each.gas[:, rows, 0].mean() for each in series]
         present = [(values > limit).mean() for values, limit in zip(gas, least, strict=True)]
         note(f"intermittency, {d} cm", present, SHARE)
