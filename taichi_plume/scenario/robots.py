@@ -52,8 +52,8 @@ class Group(Model):
     communication: Communication = Communication()
     """Range and loss of messages between the robots, for algorithms that use them."""
     localization: Localization | None = None
-    """Way in which the robots know their poses: by odometry, which drifts, or from a camera, late and with noise. Unless
-    given, they know them exactly."""
+    """Way in which the robots know their poses: by odometry, which drifts, or from a camera, late and with noise.
+    Unless given, they know them exactly."""
     reach: si.Distance = 0.35
     """A robot whose centre comes this close to a source has found it and stops. The robot itself does not know. Height
     only counts for drones, whose distance is that in space from the middle of the body."""
