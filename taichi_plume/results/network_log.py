@@ -17,6 +17,7 @@ from taichi_plume.results.run import FILES, Run
 if TYPE_CHECKING:
     import pandas
 
+NEEDED = ("t", "x", "y", "wind_x", "wind_y")  # columns of the table
 STEADY = 1e-3  # of a period: differences between the times of rows that count as rounding
 
 
@@ -38,6 +39,9 @@ def log_of(run: Run, choice: Choice) -> Iterator[str]:
     of_probes = choice.source == "probes" or (choice.source is None and any(map(run.has, FILES["probes"])))
     rows = run.probes if of_probes else _standing(run, choice.trial)
     gases = [name for name in rows if str(name).endswith("_ppm")] if of_probes else ["reading_ppm"]
+    lacking = [name for name in (*NEEDED, *gases) if name not in rows]
+    if lacking or not gases:
+        raise RunFolderError(f"{run.folder}: the table of the nodes has no {', '.join(lacking) or 'gas'}")
     heights = np.unique(rows["z"].dropna()) if "z" in rows else np.zeros(1)
     if len(heights) > 1:
         span = f"{heights[0]:g} to {heights[-1]:g} m"

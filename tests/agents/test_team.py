@@ -18,6 +18,7 @@ class Together:
     PER_GROUP = False
     STATE = ()
     STATE_NAMES = ("A", "B")
+    DECISIONS = ()
 
     def __init__(self, swarm, members, tick):
         self.members = members

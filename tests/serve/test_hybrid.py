@@ -4,7 +4,7 @@ import pytest
 
 pytest.importorskip("zenoh")
 
-from taichi_plume.validation.hybrid_cases import outside
+from taichi_plume.validation.hybrid_cases import searched
 from taichi_plume.validation.plumesim_cases import LAMINAR, PLUME, arena, in_airs
 from taichi_plume.validation.searches import WAY
 
@@ -14,7 +14,7 @@ TRIALS = 30
 
 @pytest.mark.parametrize("takes", ["pose", "velocity"])
 def test_robots_outside_search_as_those_inside(takes, inside):
-    found = outside(TRIALS, takes)
+    found = searched(TRIALS, takes)
     assert found["success"].mean == inside["success"].mean == 1.0
     for quantity in ("time [s]", WAY):  # their turns and lanes are alike; each draws its own noise
         assert found[quantity].mean == pytest.approx(inside[quantity].mean, rel=0.05)

@@ -255,7 +255,7 @@ def test_tf_leads_to_the_true_pose_by_the_believed_one(served, made):
         odometry = [one for topic, one in robots.messages if topic == f"my_team_{n}/odom"]
         variances.append([one.pose.covariance[35] for one in odometry])
         path = now["odometer"][n]
-        _, k2, _, _ = Odometry().variances
+        _, k2, _, _ = Odometry(kind="odometry").variances
         assert variances[-1][-1] == pytest.approx(k2 * path + np.radians(10) ** 2 * path**2, rel=0.02)
     assert (np.diff(variances, axis=1)[:, 2:] > 0).all()
 
