@@ -45,8 +45,8 @@ class EulerianGas(OneGas):
     surfaces: GasSurfaces | None = None
     """Walls and obstacles that take up or emit gas; unless named, none do."""
     fluctuations: bool = False
-    """Whether gas sensors feel the fluctuations that eddies smaller than a cell make. They are random peaks about the mean
-    of the cells. Near a source on a coarse grid they are as large as the mean."""
+    """Whether gas sensors feel the fluctuations that eddies smaller than a cell make. They are random peaks about the
+    mean of the cells, near a source on a coarse grid as large as the mean."""
 
     def begins_in(self, radius: float, domain: Domain) -> float:
         """Return the cross-section [m²] of a source of this radius [m], which is taken as half a cell at least."""

@@ -86,8 +86,8 @@ class TimeSeriesMap(SnapshotMap):
     time_scale: Annotated[si.SomeCoefficient, SHAPE] = 0.1
     """Distance that a second of age counts as. More forgets faster."""
     time_from: Annotated[Literal["newest", "forecast"], SHAPE] = "newest"
-    """Snap from which the age counts: newest, so that the last ended snap has age 0 and counts within beta / alpha;
-    or forecast, so that it is a window old."""
+    """Snap from which the age counts. With `newest` the last ended snap has age 0 and counts within beta / alpha; with
+    `forecast` it is a window old."""
     raw_samples: bool = False
     """Whether the samples themselves are the neighbours, rather than the cells interpolated from the samples."""
     times: ClassVar[tuple[str, ...]] = ("window", "time_scale")

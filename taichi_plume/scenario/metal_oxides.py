@@ -153,9 +153,9 @@ class MoxSensor(GasSensor):
     calibrated_for: Annotated[str, Field(min_length=1)] | None = None
     """Gas in ppm of which it reads. Unless given ethanol, for the TGS 2610, 2611 and 2612 methane."""
     calibration: Literal["model", "cubic", "extrapolated_cubic"] = "model"
-    """Conversion of a resistance to ppm: by the model's own law, or by a cubic in log R. The cubic is fitted to each unit
-    from 5 to 1000 ppm. Below 5 ppm, `cubic` goes on as a line to 0 in clean air; `extrapolated_cubic` is the cubic itself, which
-    reads above 0 in clean air: 0.5 ppm of a TGS 800."""
+    """Conversion of a resistance to ppm: by the model's own law, or by a cubic in log R. The cubic is fitted to each
+    unit from 5 to 1000 ppm. Below 5 ppm, `cubic` goes on as a line to 0 in clean air; `extrapolated_cubic` is the cubic
+    itself, which reads above 0 in clean air: 0.5 ppm of a TGS 800."""
     spread: si.Intensity = 0.0
     """Differences between units, over those of the data sheet: R_air over its range, the exponent b by 8 %. 0 makes
     all alike, 1 as different as the sheet allows."""

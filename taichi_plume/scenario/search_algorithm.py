@@ -96,9 +96,9 @@ class Spiral(Listening):
     5), that of fixed figures (section 3.2), and names what it draws by chance: the angle of an escape. It does not say
     which side; left is ours, and the mirror image of right from a mirrored start."""
     first_move: Literal["arm", "turn", "acquisition"] = "arm"
-    """Start of the first spiral of a search: with its arm straight ahead, with the turn and then the arm, or with an
-    acquisition where the robot stands. By the paper an acquisition ends an arm (section 3.2), and robots start across
-    the direction to the source (section 5): a turn at once would face the source or its opposite."""
+    """Start of the first spiral of a search. It begins with its arm straight ahead, with the turn and then the arm, or
+    with an acquisition where the robot stands. By the paper an acquisition ends an arm (section 3.2), and robots start
+    across the direction to the source (section 5): a turn at once would face the source or its opposite."""
     arms: Annotated[tuple[si.Length, ...], Field(min_length=1, max_length=100)] = (
         0.4,
         0.4,
