@@ -164,6 +164,10 @@ class OwnAlgorithm:
                 f"{self.path}, DECISIONS of {self.own.__name__} is {visible(repr(given), 200)}; must be a tuple of "
                 "(name, unit, meaning), texts, where name is an attribute of the class"
             )
+        names = [name for name, _, _ in given]
+        if len(names) > len(set(names)):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise OwnAlgorithmError(f"{self.path}, DECISIONS of {self.own.__name__}: has {twice!r} twice")
         return tuple(OwnDecision(*each) for each in given)
 
     def _made(self, before: "OwnAlgorithm | None") -> Any:
@@ -211,7 +215,12 @@ class OwnAlgorithm:
         Raises OwnAlgorithmError if there is none, or if it is neither a number nor one per robot.
         """
         with failures_named(self.path):
-            held = getattr(self.algorithm, name)
+            held = getattr(self.algorithm, name, self)
+        if held is self:
+            raise OwnAlgorithmError(
+                f"{self.path}: {self.own.__name__} has no attribute {name!r}, which its DECISIONS list; set it in "
+                "__init__, to None if there is none yet"
+            )
         values = self._per_robot(np.nan if held is None else held, f"{self.path}, {self.own.__name__}.{name}")
         with np.errstate(over="ignore"):
             return values.astype(np.float32)

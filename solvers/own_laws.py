@@ -13,6 +13,7 @@ flow with divergence would not conserve the gas that it carries.
 """
 
 from collections.abc import Callable
+from inspect import signature
 from math import inf
 from typing import Any
 
@@ -31,13 +32,18 @@ from taichi_plume.solvers.imported_flow import Projection
 class Law:
     """User's function with the parameters of its section. Raises OwnAlgorithmError if the function fails.
 
-    shape: of the value at a point: () for concentrations, (dim,) for velocities.
+    shape: of the value at a point: () for concentrations, (dim,) for velocities. Raises ValueError if the function does
+    not take the parameters.
     """
 
     def __init__(self, section: OwnLaw, function: Callable[..., Any], shape: tuple[int, ...] = ()):
         self.function, self.parameters, self.shape = function, section.parameters, shape
         self.path = file_of(function)
         self.where = f"{self.path}, {section.name or section.function}"
+        try:
+            signature(function).bind(None, 0.0, **self.parameters)
+        except TypeError as error:
+            raise ValueError(f"parameters: do not fit {self.where}: {error}") from None
 
     def __call__(self, points: np.ndarray, t: float) -> np.ndarray:
         """Return the law's values at points (n, dim) [m] and time t [s], (n, *shape)."""
@@ -45,6 +51,8 @@ class Law:
         with failures_named(self.path):
             returned = self.function(points.copy(), t, **self.parameters)
         try:
+            if np.iscomplexobj(returned):
+                raise OwnAlgorithmError(f"{self.where}: returned complex numbers, not real ones")
             values = np.broadcast_to(np.asarray(returned, float), shape)
         except (TypeError, ValueError):
             raise OwnAlgorithmError(

@@ -6,6 +6,7 @@ from record.recordings import column, entities
 
 import taichi_plume as tp
 from taichi_plume.agents.spiral import Spiral
+from taichi_plume.execution.execute import RunError
 from taichi_plume.files import run_tables
 from taichi_plume.report import captions, page
 
@@ -116,6 +117,11 @@ def test_own_classes_add_their_columns(run, tmp_path):
     clash = type("Clash", (Turns,), {"DECISIONS": (("misses", "s", "time of misses"),)})
     with pytest.raises(tp.ScenarioError, match="algorithm: DECISIONS has the name 'misses' of another"):
         tp.Simulation(path, overrides={"robots.1.algorithm": tp.Own(clash)})
+    twice = type("Twice", (Turns,), {"DECISIONS": 2 * Turns.DECISIONS[1:]})
+    lacks = type("Lacks", (Turns,), {"DECISIONS": (("lost", "s", "time since the last detection"),)})
+    for wrong, what in ((twice, "Twice: has 'turn_by' twice"), (lacks, "Lacks has no attribute 'lost'")):
+        with pytest.raises(RunError, match=what):
+            tp.simulate(path, overrides={"robots.1.algorithm": tp.Own(wrong)}, out=tmp_path / what[:5])
 
 
 def test_the_present_state_has_the_same_columns(run):

@@ -226,6 +226,8 @@ def _gas(context: Context, path: str, model: PureGas, wind: Wind, film: TickFilm
         return TickGas(film, film.gases.index(path), model, context.grid, context.air, context.start)
     try:
         return make_gas(model, path, context, wind)
+    except ScenarioError:
+        raise
     except ValueError as error:
         raise ScenarioError([f"{path}.{error}"]) from None
 

@@ -165,7 +165,12 @@ def _both(base: Entrant) -> tuple[Entrant, ...]:
 def _class_of(section: dict[str, Any]) -> GivenClass:
     """Return the class of a section that Python code gave. Raises ScenarioError if other processes cannot have it."""
     try:
-        return GivenClass.of(CLASSES[section["name"]])
+        code = CLASSES[section["name"]]
+        if not isinstance(code, type):
+            raise ScenarioError(
+                [f"algorithms: {visible(section['name'])} is a function; give a class with the method act"]
+            )
+        return GivenClass.of(code)
     except KeyError:
         raise ScenarioError([f"algorithms: {shown(section)}: {NO_CLASS}"]) from None
     except OwnAlgorithmError as error:

@@ -4,13 +4,14 @@ from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from operator import index
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
 
 from taichi_plume.envs.picture import picture
 from taichi_plume.guard.terminal import visible
 from taichi_plume.scenario.loading import Overrides, ScenarioError, scenario_from
+from taichi_plume.scenario.own_code import OwnLaw
 from taichi_plume.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ def open_task(
 
 
 def require_task(scenario: Scenario) -> None:
-    """Raise ScenarioError if a task has no learners, no possible success, unsupported robots or moving obstacles."""
+    """Raise ScenarioError if a task has no learners, no possible success, or parts that are unsupported."""
     if not scenario.robots:
         raise ScenarioError(["robots: there are none; add a group of learners"])
     group = scenario.learners
@@ -93,6 +94,16 @@ def require_task(scenario: Scenario) -> None:
     for path, sensor in group.sensors.placed():
         if sensor.kind == "tdlas":
             raise ScenarioError([f"robots: {path}.kind of '{name}': environments do not support tdlas"])
+    sections: list[tuple[str, Any]] = [("wind", scenario.wind), *scenario.gases]
+    for path, section in sections:
+        if getattr(section, "fluctuations", False):
+            raise ScenarioError(
+                [f"{path}.fluctuations: environments do not support them; give fluctuations: false"]
+            )
+        if isinstance(section, OwnLaw):
+            raise ScenarioError(
+                [f"{path}.kind: own: environments do not support it; record a film, and play it back"]
+            )
     for n, obstacle in enumerate(scenario.obstacles):
         if obstacle.motion:
             raise ScenarioError([f"obstacles[{n}]: moves; environments support only fixed obstacles"])

@@ -53,7 +53,7 @@ def register(algorithm: Code) -> str:
 
 def file_of(algorithm: Code) -> Path:
     """Return the file of a class or function or, if typed into an interpreter or notebook, the name of that input."""
-    code = getattr(inspect.unwrap(vars(algorithm).get("act", algorithm)), "__code__", None)
+    code = getattr(inspect.unwrap(getattr(algorithm, "__dict__", {}).get("act", algorithm)), "__code__", None)
     if code is not None:
         return Path(code.co_filename)
     try:
@@ -151,14 +151,20 @@ class LawFile(OwnFile):
 
     def _require(self, statements: list[ast.AST]) -> None:
         named = [node for node in statements if isinstance(node, ast.FunctionDef | ast.ClassDef)]
-        targets = [t for node in statements if isinstance(node, ast.Assign) for t in node.targets]
+        assigned = [
+            name.id
+            for node in statements
+            if isinstance(node, ast.Assign | ast.AnnAssign)
+            for name in ast.walk(node)
+            if isinstance(name, ast.Name) and isinstance(name.ctx, ast.Store)
+        ]
         imports = [
             alias.asname or alias.name
             for node in statements
             if isinstance(node, ast.Import | ast.ImportFrom)
             for alias in node.names
         ]
-        names = [node.name for node in named] + [t.id for t in targets if isinstance(t, ast.Name)] + imports
+        names = [*(node.name for node in named), *assigned, *imports]
         if self.name not in names and "*" not in names:
             raise self._without([node.name for node in named if isinstance(node, ast.FunctionDef)])
 

@@ -58,6 +58,10 @@ FLOW = {
         "largest Courant number",
         "cells crossed by the air in a step; the scheme is stable up to 1.3 (CFL)",
     ),
+    "correction": (
+        "largest correction",
+        "change of the given wind that makes it conserve air, over its speed; from 0.5 on it is another wind",
+    ),
     "max_speed": ("largest speed", "in m/s"),
     "wall_y_plus_median": (
         "median y+ at the walls",

@@ -1,7 +1,7 @@
 """Log of PlumeSim with the readings of a sensor network: fixed probes, or robots that never move, as its nodes.
 
 Each frame of the log holds a node's wind and gas at one time of the run's table, until the next. The first row of the
-table is at time 0 of the log.
+table is at time 0 of the log; of robots that is the first one in which sensors have read.
 """
 
 from collections.abc import Iterator
@@ -23,13 +23,13 @@ STEADY = 1e-3  # of a period: differences between the times of rows that count a
 
 @dataclass(frozen=True)
 class Choice:
-    """Options of the log. source: table of the nodes, by default the probes if any; trial: of robots; full_scale:
-    concentration [ppm] that is 100 percent; cell: distance [m] up to which a node counts, by default the largest
-    distance of a node to its nearest neighbour.
+    """Options of the log. source: table of the nodes, by default the probes if any; trial: of robots, by default 0;
+    full_scale: concentration [ppm] that is 100 percent; cell: distance [m] up to which a node counts, by default the
+    largest distance of a node to its nearest neighbour.
     """
 
     source: Literal["probes", "robots"] | None = None
-    trial: int = 0
+    trial: int | None = None
     full_scale: float = 100.0
     cell: float | None = None
 
@@ -37,7 +37,9 @@ class Choice:
 def log_of(run: Run, choice: Choice) -> Iterator[str]:
     """Yield the text of the log of a run's nodes: its first line, then its frames. Raises RunFolderError."""
     of_probes = choice.source == "probes" or (choice.source is None and any(map(run.has, FILES["probes"])))
-    rows = run.probes if of_probes else _standing(run, choice.trial)
+    if of_probes and choice.trial is not None:
+        raise RunFolderError(f"{run.folder}: probes are of no trial; leave out --trial, or add --from robots")
+    rows = run.probes if of_probes else _standing(run, choice.trial or 0)
     gases = [name for name in rows if str(name).endswith("_ppm")] if of_probes else ["reading_ppm"]
     lacking = [name for name in (*NEEDED, *gases) if name not in rows]
     if lacking or not gases:
@@ -61,6 +63,8 @@ def _standing(run: Run, trial: int) -> "pandas.DataFrame":
     """Return the rows of a trial's robots that never move. Raises RunFolderError."""
     robots = run.robots
     robots = robots[robots["trial"] == trial]
+    if not robots.empty:
+        robots = robots[robots["t"] > run.robots["t"].min()]
     if robots.empty:
         raise RunFolderError(f"{run.folder}: has no trial {trial}; trials are numbered from 0 on")
     places = robots.groupby(["group", "robot"], observed=True)[["x", "y"]]

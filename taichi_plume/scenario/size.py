@@ -5,8 +5,10 @@ from math import ceil, prod
 
 import psutil
 
+from taichi_plume.scenario.localization import Camera
 from taichi_plume.scenario.probes import BYTES_PER_NUMBER
 from taichi_plume.scenario.quantities import round_up, with_unit
+from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.species import AIR_VISCOSITY
 
@@ -19,10 +21,11 @@ MOST_BESIDE = 5000  # cells beside obstacles in a matrix of solvers/pressure.py:
 ENTRIES_PER_CELL = 150  # of that matrix per cell of the grid; with more, other solvers are faster
 BESIDE = 1.15  # cells beside an obstacle over its surface in squares of the grid
 BYTES_PER_ROBOT = 2000  # state, readings and a few minutes of track
+BYTES_PER_POSE = 12.0  # x, y and heading in a camera's frame
 BYTES_PER_PIXEL = 1.7  # and picture, of recording.rrd: measured, with arrows and tracks
 MOST_PIXELS = 400  # per axis of a recorded plane
 MOST_VOXELS = 96  # per axis of a recorded volume
-BYTES_PER_ROW = 33  # in robots.parquet, a row per robot and tick
+BYTES_PER_ROW = 46  # in robots.parquet, a row per robot and tick: measured, with seven decision quantities
 BYTES_OF_REPORT = 5e5
 PROGRAM_BYTES = 4e8  # measured: Python, Taichi and compiled kernels
 CELL_STEPS_PER_SECOND = {2: 3e6, 3: 5e6}  # rough: wind and gas on a few CPU cores
@@ -64,7 +67,7 @@ def _files(scenario: Scenario) -> dict[str, float]:
         shown += prod(min(ceil(n / 2), MOST_VOXELS) for n in domain.shape) * scenario.recording.volume
     sizes = {
         "recording.rrd": BYTES_PER_PIXEL * shown * scenario.recording.rate * whole,
-        "robots.parquet": BYTES_PER_ROW * _robots(scenario) * scenario.duration / scenario.tick,
+        "robots.parquet": sum(map(_bytes_per_tick, scenario.robots)) * scenario.duration / scenario.tick,
         "report.html": BYTES_OF_REPORT,
     }
     if scenario.probes is not None:
@@ -81,12 +84,22 @@ def _files(scenario: Scenario) -> dict[str, float]:
     return sizes
 
 
+def _bytes_per_tick(group: Group) -> float:
+    """Return the size [bytes] of the rows of a group's robots in robots.parquet, per tick."""
+    return (BYTES_PER_ROW + BYTES_PER_NUMBER * group.sensors.ranges) * group.count * group.trials
+
+
 def _others(scenario: Scenario) -> dict[str, float]:
     """Return the memory [bytes] of robots, algorithms and gases besides fields on the grid, by the section's path."""
     floor, tick = scenario.floor, scenario.tick
     sizes = {"robots": _robots(scenario) * float(BYTES_PER_ROBOT)}
     for n, group in enumerate(scenario.robots):
         sizes[f"robots[{n}].algorithm"] = group.algorithm.bytes(group, floor, tick)
+    watched = enumerate(group.localization for group in scenario.robots)
+    cameras = [(camera.frames, n) for n, camera in watched if isinstance(camera, Camera)]
+    if cameras:  # whose frames hold the poses of all robots
+        frames, n = max(cameras)
+        sizes[f"robots[{n}].localization"] = BYTES_PER_POSE * _robots(scenario) * frames
     for path, gas in scenario.gases:
         sizes[path] = gas.bytes(scenario.domain.dim)
     return sizes

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from taichi_plume.api.own import Own
 from taichi_plume.assembly.preparation import prepare
 from taichi_plume.contests import plots
 from taichi_plume.contests.entrants import (
@@ -166,3 +167,12 @@ def test_a_picture_that_was_cut_off_is_made_again(tmp_path, monkeypatch):
         assert plots.mean_plume(one, tmp_path).shape == (2, 3)
     assert len(made) == 3
     assert [file.name for file in tmp_path.iterdir()] == ["meandering.plume.npz"]
+
+
+def law(points, t):
+    return 1.0
+
+
+def test_a_law_takes_no_part():
+    with pytest.raises(ScenarioError, match="algorithms: law is a function"):
+        entrants([Own(law)], [], [])

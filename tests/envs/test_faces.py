@@ -15,6 +15,7 @@ from gymnasium.vector import AutoresetMode
 from pettingzoo.test import parallel_api_test
 from small_task import TASK, task
 
+import taichi_plume as tp
 import taichi_plume.envs
 from taichi_plume.engine import program
 from taichi_plume.envs import ID, parallel_env, picture
@@ -450,3 +451,27 @@ def test_a_second_engine_of_a_task_compiles_nothing(made):
     assert program.compiled() == before
     assert made("single").unwrapped.episodes is not engine
     second.close()
+
+
+@pytest.mark.parametrize(
+    ("sections", "key"),
+    [
+        ({"gas": {"kind": "own", "file": "laws.py"}}, "gas.kind: own"),
+        (
+            {
+                "gas": {
+                    "kind": "eulerian",
+                    "fluctuations": True,
+                    "sources": [{"position": [0.4, 0.4], "rate": 1e-5}],
+                }
+            },
+            "gas.fluctuations",
+        ),
+        ({"robots": [TASK["robots"][0] | {"sensors": {"range": {"bearings_deg": [0.0]}}}]}, "sensors.range"),
+    ],
+)
+def test_parts_that_environments_do_not_have_are_refused(tmp_path, monkeypatch, sections, key):
+    (tmp_path / "laws.py").write_text("def concentration(points, t):\n    return 1.0\n")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(tp.ScenarioError, match=re.escape(key)):
+        open_task(task(**sections))

@@ -220,7 +220,7 @@ def test_the_log_of_a_sensor_network_plays_its_readings(network, source, cell):
         rows, gas = results.probes, "acetone_ppm"
     else:
         rows, gas = results.robots, "reading_ppm"
-        rows = rows[(rows.trial == 0) & (rows.group == "nodes")]
+        rows = rows[(rows.trial == 0) & (rows.group == "nodes") & (rows.t > 0)]  # at 0 no sensor has read
     times = np.unique(rows.t)
     assert read_log(log).cell == pytest.approx(cell)
     again = assemble(load_scenario(network / "replay.yaml"), network)
@@ -235,12 +235,13 @@ def test_the_log_of_a_sensor_network_plays_its_readings(network, source, cell):
     assert rows[gas].to_numpy().max() > 3
 
 
-def test_a_trial_that_is_not_there_is_refused(network, capsys):
-    assert (
-        export.main([str(network / "run"), "--to", "plumesim", "--from", "robots", "--trial", "2", "--force"])
-        == 2
-    )
-    assert "has no trial 2" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("source", "trial", "reported"), [("robots", "2", "has no trial 2"), ("probes", "0", "--trial")]
+)
+def test_a_trial_that_is_not_there_is_refused(network, capsys, source, trial, reported):
+    options = ["--to", "plumesim", "--from", source, "--trial", trial, "--force"]
+    assert export.main([str(network / "run"), *options]) == 2
+    assert reported in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

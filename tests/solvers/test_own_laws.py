@@ -115,6 +115,10 @@ def infinite(points, t):
     return np.where(points[:, 0] > 2.0, np.inf, 1.0)
 
 
+def complex_(points, t):
+    return 1j * points[:, 0]
+
+
 def broken(points, t):
     return 1.0 / 0.0
 
@@ -123,6 +127,7 @@ REFUSED = [
     (negative, r"negative: returned -0.05 ppm at \(0.05, 0.05\) m, t = 0 s; must not be negative"),
     (uneven, r"uneven: returned the shape \(7,\), not \(600,\)"),
     (infinite, r"infinite: returned inf at \(2.05, 0.05\) m, t = 0 s, not finite numbers"),
+    (complex_, r"complex_: returned complex"),
     (broken, r"line \d+: ZeroDivisionError"),
 ]
 
@@ -131,6 +136,14 @@ REFUSED = [
 def test_bad_values_are_refused(law, message):
     with pytest.raises(OwnAlgorithmError, match=message):
         simulation(tp.Own(law))
+
+
+@pytest.mark.parametrize(
+    ("section", "key"), [({"gas": tp.Own(bump, height=3)}, "gas"), ({"wind": tp.Own(swirl, peak=1)}, "wind")]
+)
+def test_parameters_that_a_law_does_not_take_are_refused(section, key):
+    with pytest.raises(ScenarioError, match=rf"{key}\.parameters: .*'(height|peak)'"):
+        simulation(**section)
 
 
 class Waits:
@@ -157,6 +170,9 @@ def concentration(points, t):
 
 def streams(points, t, speed):
     return [speed, 0.0]
+
+
+steady: object = lambda points, t: [0.1, 0.0]
 """
 
 
@@ -176,6 +192,8 @@ def test_files_are_executed_with_permission_alone(tmp_path):
         sim.change({"wind.parameters.speed": 0.3})
         sim.run(until=0.2)
         assert float(sim.wind.u.mean()) == pytest.approx(0.3)
+    steady = {"wind.name": "steady", "wind.parameters": {}}
+    assert tp.load_scenario(tmp_path / "own.yaml", overrides=steady).wind.name == "steady"
     run = tp.simulate(tmp_path / "own.yaml", out=tmp_path / "run", allow_code=True)
     assert "--allow-code" in (run.folder / "scenario.yaml").read_text().splitlines()[0]
     data["wind"]["name"] = "concentrations"
