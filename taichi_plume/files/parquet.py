@@ -11,6 +11,10 @@ from taichi_plume.guard.safe_open import open_regular
 
 @contextmanager
 def opened(path: Path) -> Iterator[pq.ParquetFile]:
-    """Context that yields a Parquet file's reader. Raises OSError, for irregular files too, and pyarrow's errors."""
+    """Context that yields a Parquet file's reader. Raises OSError, for irregular files too, and pyarrow's errors.
+
+    Read with use_threads=False: Arrow's threads may release Python's buffers after the read has returned, which aborts
+    a process that ends just then.
+    """
     with open_regular(path) as file, pq.ParquetFile(file, page_checksum_verification=True) as table:
         yield table

@@ -180,7 +180,7 @@ def _parquet(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
             names = _picked(path, file.schema_arrow.names)
             if file.metadata.num_rows > MOST_ROWS:  # a page of equal values takes a few bytes
                 raise ReadingsError(f"{path}: has {file.metadata.num_rows:,} rows; at most {MOST_ROWS:,}")
-            table = file.read(columns=list(names.values()))
+            table = file.read(columns=list(names.values()), use_threads=False)
     except ReadingsError:
         raise
     except (pa.ArrowException, OSError, ValueError, KeyError) as error:  # the last two: of names and types

@@ -248,7 +248,7 @@ def _of_table(path: Path, columns: Sequence[str] | None) -> Iterator[pa.RecordBa
     """Yield an empty batch and the rows of a Parquet table; columns: names to read, if the table has them."""
     with parquet.opened(path) as table:
         yield pa.RecordBatch.from_pylist([], table.schema_arrow)
-        yield from table.iter_batches(ROW_GROUP, columns=columns)
+        yield from table.iter_batches(ROW_GROUP, columns=columns, use_threads=False)
 
 
 def _of_stream(stream: Path) -> Iterator[pa.RecordBatch]:

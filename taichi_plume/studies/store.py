@@ -230,7 +230,7 @@ def _read(part: Path, names: Sequence[str] = _SCHEMA.names) -> pa.Table:
             known = [field for field in file.schema_arrow if field.name in _SCHEMA.names]
             if not pa.schema(known).equals(_SCHEMA):
                 raise StoreError(f"{part}: was not written by a study of this version; remove it")
-            return file.read(names)
+            return file.read(names, use_threads=False)
     except (pa.ArrowException, OSError, ValueError, LookupError) as error:
         if isinstance(error, StoreError):
             raise

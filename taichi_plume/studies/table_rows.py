@@ -83,7 +83,7 @@ def outcomes_of(
     table = None
     if probes is not None and probes.exists():
         with parquet.opened(probes) as file:
-            table = file.read()
+            table = file.read(use_threads=False)
     return {
         name: probe_mean(table, path) if path.startswith(PROBES) else found(content, path)
         for name, path in outcomes.items()

@@ -252,5 +252,5 @@ def read(path: Path) -> pa.Table:
     tables = []
     for part in files:
         with parquet.opened(part) as file:
-            tables.append(file.read())
+            tables.append(file.read(use_threads=False))
     return pa.concat_tables(tables).combine_chunks()
