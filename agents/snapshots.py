@@ -49,7 +49,7 @@ class Needs:
 
 def alike(model: models.SnapshotMap) -> tuple:
     """Return a key that is equal for map sections whose snapshots are equal, so that their maps can share snapshots."""
-    return "snaps", model.cell, model.window, model.power, model.min_distance, model.samples
+    return "snaps", model.cell, model.window, model.power, model.min_distance, model.samples, model.robot
 
 
 class Snapshots:

@@ -4,7 +4,7 @@ The components of a simulation are known only by their protocols.
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import ceil
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
@@ -22,6 +22,8 @@ from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
+    from taichi_plume.agents.gas_map import Readers
+    from taichi_plume.agents.received import Received
     from taichi_plume.agents.swarm import Swarm
     from taichi_plume.files.gaden import Cubes
     from taichi_plume.grid.shapes import Shape
@@ -71,7 +73,7 @@ class Mapper(Protocol):
     window: float | None
     errors: Series
 
-    def update(self, swarm: "Swarm", t: float, dt: float) -> None:
+    def update(self, swarm: "Readers", t: float, dt: float) -> None:
         """Add the robots' readings at time t [s], the end of a time step of dt [s]."""
         ...
 
@@ -176,6 +178,8 @@ class TimeLoop:
     """
     forces: Callable[[], np.ndarray] | None = None
     """Force of the air on each obstacle [N], shape (obstacles, dim); None if unknown."""
+    received: "Mapping[int, Received]" = field(default_factory=dict)
+    """Readings that reach the robots that make maps, by the number of the robot."""
     observers: list[Every] = field(default_factory=list, init=False)
     """Observers that are called when they are due; append your own."""
     step_observers: list[EveryStep] = field(default_factory=list, init=False)
@@ -288,8 +292,11 @@ class TimeLoop:
         """Carry out the time step that ends at the present time: robots, sensors, maps, and algorithms of `teams`."""
         self.swarm.move(self.tick, self.t, self.dt)
         self.sensors.measure(self.gas, self.wind, self.tick, self.t)
-        for gas_map in self.maps:
-            gas_map.update(self.swarm, self.t, self.dt)
+        for received in self.received.values():
+            received.listen(self.tick)
+        for model, gas_map in zip(self.scenario.maps, self.maps, strict=True):
+            readers = self.swarm if model.robot is None else self.received[model.robot]
+            gas_map.update(readers, self.t, self.dt)
         for team in teams:
             team.act(self.tick, self.t, self.dt)
 

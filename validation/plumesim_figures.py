@@ -58,9 +58,7 @@ NODES = np.stack(np.meshgrid(np.linspace(0.5, 3.5, 7), [1.0, 1.5, 2.0], indexing
     -1, 2
 )
 START = {"start": {"kind": "positions", "positions": [[3.7, 0.4]], "heading_deg": 180.0}}
-ODOMETRY = {
-    "localization": {"kind": "odometry"}
-}  # of wheel encoders, with the errors of an uncalibrated robot
+ODOMETRY = {"localization": {"kind": "odometry"}}  # of wheel encoders that are not calibrated
 NETWORK = ROOMBA | {
     "name": "nodes",
     "count": len(NODES),

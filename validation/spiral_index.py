@@ -56,14 +56,12 @@ class Heard:
         now = self.swarm.acquisitions.to_numpy()[self.robots]
         if (now == self.before).all():
             return
-        index, total = self.algorithm.index.to_numpy(), self.algorithm.acquisition.total.to_numpy()
+        index, mean = self.algorithm.index.to_numpy(), self.algorithm.acquisition.last.to_numpy()
         end = 0
         for group in self.members.groups:
             begin, end = end, end + group.size
             if (now[begin:end] > self.before[begin:end]).all():
-                samples = group.model.algorithm.acquisition / group.model.algorithm.sample_period
-                part = index[begin:end], total[begin:end] / samples
-                self.rows.setdefault(group.name, []).append(part)
+                self.rows.setdefault(group.name, []).append((index[begin:end], mean[begin:end]))
                 self.before[begin:end] = now[begin:end]
 
     def records(self, name: str) -> Records:

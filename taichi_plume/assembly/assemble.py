@@ -14,6 +14,7 @@ from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.line_sensors import Surroundings
 from taichi_plume.agents.mapping import mappers
 from taichi_plume.agents.placement import Placed, place, placed
+from taichi_plume.agents.received import Received
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import teams
@@ -124,11 +125,15 @@ def build(
     extent, most = (grid.extent[0], grid.extent[1]), swarm.members.shape[1]
     mapped = Floor(extent, max(1, swarm.trials), most, scenario.tick, clearance.obstacle_distance_at)
     maps = mappers(scenario.maps, mapped)
+    makers = {gas_map.robot for gas_map in scenario.maps if gas_map.robot is not None}
+    received = {robot: Received(swarm, robot) for robot in sorted(makers)}
     rebuild = partial(_rebuild, prepared, film, driven)
     forces = None
     if isinstance(wind, FlowSolver) and wind.area is not None:
         forces = Forces(wind, air, len(resources.obstacles))
-    return TimeLoop(scenario, grid, wind, gas, swarm, sensors, driving, maps, seen, air, rebuild, forces)
+    return TimeLoop(
+        scenario, grid, wind, gas, swarm, sensors, driving, maps, seen, air, rebuild, forces, received
+    )
 
 
 def _rebuild(

@@ -118,7 +118,7 @@ def _parameters(model: Map) -> str:
     """Return the help text on the parameters of the gas map's kind."""
     lines = [f"parameters of a {model.kind} map, --map '{{kind: {model.kind}, NAME: VALUE, ...}}':"]
     for name, field in type(model).model_fields.items():
-        if name != "kind":
+        if name not in ("kind", "robot"):
             default = "" if field.default is None else f" (default: {json.dumps(field.default)})"
             if name in model.times:
                 default = " (default: such that nothing of the log is forgotten)"

@@ -198,6 +198,8 @@ def map_of(
     fault = model.grid_error("--map", size)
     if fault:
         raise ReadingsError(fault)
+    if model.robot is not None:
+        raise ReadingsError("--map.robot: a log does not tell what a robot has received; leave it out")
     if vars(model).get("samples") == "newest" and readings.robot is None:
         raise ReadingsError(
             "--map.samples: newest needs the robot of each reading, a column 'robot' or 'group'"

@@ -28,6 +28,17 @@ class AnyMap(Model):
     kind: str
     cell: si.Length
     """Edge of the square cells of the map."""
+    robot: Annotated[int, Field(ge=0, le=MOST_CELLS), SHAPE] | None = None
+    """Number of the robot of each trial, from 0 on over all groups, that makes the map from its own readings and those
+    that it receives: within the range of its group's `communication`, and not lost. Unless given, a host makes it from
+    all."""
+
+    def errors(self, where: str, context: Context) -> Iterator[str]:
+        if self.robot is not None:
+            counts = [group.count for group in context.scenario.robots] or [0]
+            count = (min if context.scenario.rivals else sum)(counts)
+            if self.robot >= count:
+                yield f"{where}.robot: {self.robot} is no robot of a trial of {count}; the first one is 0"
 
     def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, float | None]:
         """Return values of the keys `times` with which a map of a log uses all of it; duration [s]; size: floor [m]."""

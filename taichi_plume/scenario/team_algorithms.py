@@ -12,7 +12,7 @@ from taichi_plume.scenario.maps import MOST_CELLS, TimeSeriesMap
 from taichi_plume.scenario.quantities import round_up
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm, Listening
 from taichi_plume.scenario.starts import GAP
-from taichi_plume.scenario.vocabulary import SHAPE, Model
+from taichi_plume.scenario.vocabulary import SHAPE, Model, consistency_check
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.domain import Arena
@@ -214,6 +214,11 @@ class LeastKnown(Repelled):
     """Share of all cells that count as the least known; the robot goes to the nearest of them."""
     apart: si.Length = 0.5
     """Least distance of a way point from the robot and from those of its team mates."""
+
+    @consistency_check
+    def _map_of_the_team(self) -> Iterator[str]:
+        if self.map.robot is not None:
+            yield "map.robot: the map is that of the team; remove it"
 
     def grid_error(self, where: str, floor: "Arena") -> str | None:
         return self.map.grid_error(f"{where}.algorithm.map", floor.high)
