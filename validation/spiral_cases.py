@@ -19,6 +19,8 @@ random SPIRAL, E. coli 30 s. The readings of the paper's text that are the defau
     first move  the arm. Section 3.2: acquisitions are made at the end of arms; section 5: robots start across the
                 direction to the source, which a turn at once would undo. Others: "turn first", to either side;
                 "acquisition first".
+    peaks       their height above the mean. Section 3.1 multiplies each peak by its own intensity, with which a record
+                with a small peak has half the index of one without, 2 μ. Other: "absolute peaks".
     arms        0.4 m {1, 1, 2, 2, 3, 3}, by the rows of random SPIRAL alone (spiral_floor). Other: "arms of 0.45 m".
 
 `spiral_table2_readings` runs the others, each by itself changed, as rivals in the same airs. They are not judged: the

@@ -40,6 +40,7 @@ READINGS: dict[str, Keys] = {
     "turn first": {"first_move": "turn"},
     "turn first, to the right": {"first_move": "turn", "sense": "right"},
     "acquisition first": {"first_move": "acquisition"},
+    "absolute peaks": {"peak_height": "absolute"},
     "arms of 0.45 m": {"arms": [0.45, 0.45, 0.9, 0.9, 1.35, 1.35]},
 }
 """Other readings of the paper's text than the defaults of SPIRAL, as keys that differ from them."""
