@@ -6,7 +6,7 @@ indices repeatedly without moving. In the first half minute other robots, farthe
 indices whose mean is the least index of a hit (section 3.2).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -32,6 +32,8 @@ TIMES = (10, 20, 30)  # s, of an acquisition
 SHORT = 3  # s, of E. coli
 HEIGHTS = ("above_mean", "absolute")
 STILL = 1e-3  # m, length of the arms of a robot that stays
+Scene = Callable[[int, list[Keys], float], Keys]
+"""Function that returns a scenario, as keys of a YAML file, for an air, groups of robots and a duration [s]."""
 
 
 class Records(NamedTuple):
@@ -83,7 +85,7 @@ def _start() -> Keys:
 
 
 @cache
-def heard(air: int) -> tuple[np.ndarray, dict[tuple[int, str], Records]]:
+def heard(air: int, scene: Scene = room) -> tuple[np.ndarray, dict[tuple[int, str], Records]]:
     """Return of an air the first indices far from the dish, and the records by acquisition time and peak height."""
     kinds = [(SHORT, HEIGHTS[0]), *((time, height) for time in TIMES for height in HEIGHTS)]
     groups = [
@@ -91,7 +93,7 @@ def heard(air: int) -> tuple[np.ndarray, dict[tuple[int, str], Records]]:
         for time, height in kinds
     ]
     far = _listener("far", FAR, 0.0, FAR_PLACES)
-    data = room(air, [*groups, far], BEGIN + LISTENED) | {"rivals": True, "stop_early": False}
+    data = scene(air, [*groups, far], BEGIN + LISTENED) | {"rivals": True, "stop_early": False}
     afresh()
     sim = assemble(scenario_of(data))
     near, alone = (Heard(team, sim.swarm) for team in sim.teams)
@@ -100,9 +102,9 @@ def heard(air: int) -> tuple[np.ndarray, dict[tuple[int, str], Records]]:
     return alone.records("far").index[0], {kind: near.records(f"{kind[0]} {kind[1]}") for kind in kinds}
 
 
-def least_index(airs: int) -> float:
+def least_index(airs: int, scene: Scene = room) -> float:
     """Return the mean proximity index [ppm] far from the dish, 5 minutes after its opening."""
-    return float(np.mean([heard(air)[0] for air in range(airs)]))
+    return float(np.mean([heard(air, scene)[0] for air in range(airs)]))
 
 
 def in_order(index: np.ndarray) -> float:
@@ -120,10 +122,10 @@ def spread(values: np.ndarray) -> np.ndarray:
     return np.sqrt((rest**2).sum(axis=0) / (len(log) - 2))
 
 
-def indices(trials: int, airs: int) -> Results:
+def indices(trials: int, airs: int, scene: Scene = room) -> Results:
     """Return the statistics of the indices in the room, with intervals over the airs."""
     results: dict[str, Mean] = {}
-    records = [heard(air)[1] for air in range(airs)]
+    records = [heard(air, scene)[1] for air in range(airs)]
 
     def of(place: tuple[int, int], values: Sequence[np.ndarray]) -> Mean:
         return over_airs([float(spread(record)[PLACES.index(place)]) for record in values])
@@ -143,5 +145,7 @@ def indices(trials: int, airs: int) -> Results:
         results[f"spread of ln(index), {d} cm"] = of((d, 180), [record.index for record in usual])
         short = [record[SHORT, HEIGHTS[0]].mean for record in records]
         results[f"spread of ln(reading of 3 s), {d} cm"] = of((d, 180), short)
-    results["least index of a hit [ppm]"] = over_airs([float(heard(air)[0].mean()) for air in range(airs)])
+    results["least index of a hit [ppm]"] = over_airs(
+        [float(heard(air, scene)[0].mean()) for air in range(airs)]
+    )
     return results
