@@ -29,9 +29,8 @@ class AnyMap(Model):
     cell: si.Length
     """Edge of the square cells of the map."""
     robot: Annotated[int, Field(ge=0, le=MOST_CELLS), SHAPE] | None = None
-    """Number of the robot of each trial, from 0 on over all groups, that makes the map from its own readings and those
-    that it receives: within the range of its group's `communication`, and not lost. Unless given, a host makes it from
-    all."""
+    """Number, from 0 on over all groups, of the robot of each trial that makes the map from what it receives. These are
+    its own readings and those within the range of its group's `communication`, unless lost. Unless given, all count."""
 
     def errors(self, where: str, context: Context) -> Iterator[str]:
         if self.robot is not None:
