@@ -44,7 +44,7 @@ GROUPS = (
         "Published searches and maps, in many trials, with 95 % confidence intervals over flow realisations (airs). "
         "The papers omit many details, so agreement in ranking and magnitude is the target. What is reproduced, what "
         "is not, and why: [The papers again](experiments.md).",
-        r"plumesim_casting|plumesim_hybrid|plumesim_figures|spiral_(gas|table2|scan)|calibration_box|dapso_arena|"
+        r"plumesim_casting|plumesim_hybrid|plumesim_figures|spiral_(gas|persons|table2|scan)|calibration_box|dapso_arena|"
         r"infotaxis_grid|odor_mapping|mapping_scan",
     ),
     (
@@ -56,6 +56,7 @@ GROUPS = (
 )
 """Title, introduction, and a pattern of the names of its cases."""
 
+FLAT = 0.01  # order of errors that do not depend on the resolution, and are not drawn over it
 REPEATED = GROUPS[-2:]
 """Groups whose cases are described at length."""
 
@@ -277,7 +278,9 @@ def _plots(names: list[str], cases: dict[str, Known], results: dict[str, Any]) -
 
 def _panels(result: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     """Titles and pictures to draw; converging errors first."""
-    rows = [row for row in result.get("norms", ()) if row["order"] is not None and len(row["errors"]) > 1]
+    rows = [
+        row for row in result.get("norms", ()) if abs(row["order"] or 0.0) > FLAT and len(row["errors"]) > 1
+    ]
     first = [("Error over resolution", {"kind": "errors", "rows": rows})] if rows else []
     return first + list(result.get("pictures", {}).items())
 
