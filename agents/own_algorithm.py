@@ -215,12 +215,15 @@ class OwnAlgorithm:
         Raises OwnAlgorithmError if there is none, or if it is neither a number nor one per robot.
         """
         with failures_named(self.path):
-            held = getattr(self.algorithm, name, self)
-        if held is self:
-            raise OwnAlgorithmError(
-                f"{self.path}: {self.own.__name__} has no attribute {name!r}, which its DECISIONS list; set it in "
-                "__init__, to None if there is none yet"
-            )
+            try:
+                held = getattr(self.algorithm, name)
+            except AttributeError:
+                if hasattr(self.own, name):
+                    raise  # from within a property
+                raise OwnAlgorithmError(
+                    f"{self.path}: {self.own.__name__} has no attribute {name!r}, which its DECISIONS list; set it in "
+                    "__init__, to None if there is none yet"
+                ) from None
         values = self._per_robot(np.nan if held is None else held, f"{self.path}, {self.own.__name__}.{name}")
         with np.errstate(over="ignore"):
             return values.astype(np.float32)

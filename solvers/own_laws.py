@@ -4,7 +4,7 @@
         return 50 * np.exp(-((points[:, 1] - 1.5) ** 2) / 0.1)  # (n,) [ppm]
 
     def velocity(points, t):
-        return [0.5, 0.1 * np.sin(t)]  # (n, 2 or 3) [m/s], or what broadcasts to it
+        return [0.5, 0.1 * np.sin(points[:, 0] - t)]  # components [m/s], or an array (n, 2 or 3)
 
 Files are executed only with --allow-code. A law must be a function of its arguments alone, as a resumed run calls it
 only for later times. Concentrations are computed at the centres of cells, velocities at the centres of their faces;
@@ -44,6 +44,8 @@ class Law:
             signature(function).bind(None, 0.0, **self.parameters)
         except TypeError as error:
             raise ValueError(f"parameters: do not fit {self.where}: {error}") from None
+        except ValueError:
+            pass  # compiled functions may have no signature
 
     def __call__(self, points: np.ndarray, t: float) -> np.ndarray:
         """Return the law's values at points (n, dim) [m] and time t [s], (n, *shape)."""
@@ -51,13 +53,13 @@ class Law:
         with failures_named(self.path):
             returned = self.function(points.copy(), t, **self.parameters)
         try:
+            if isinstance(returned, list | tuple) and (len(returned),) == self.shape:  # components
+                returned = np.stack(np.broadcast_arrays(*returned), axis=-1)
             if np.iscomplexobj(returned):
                 raise OwnAlgorithmError(f"{self.where}: returned complex numbers, not real ones")
             values = np.broadcast_to(np.asarray(returned, float), shape)
         except (TypeError, ValueError):
-            raise OwnAlgorithmError(
-                f"{self.where}: returned the shape {np.shape(returned)}, not {shape}"
-            ) from None
+            raise OwnAlgorithmError(f"{self.where}: returned {_form(returned)}, not {shape}") from None
         with np.errstate(over="ignore"):  # fields are f32
             finite = np.isfinite(values.astype(np.float32))
         if not finite.all():
@@ -67,6 +69,14 @@ class Law:
                 f"{self.where}: returned {values[n]} at ({place}) m, t = {t:g} s, not finite numbers"
             )
         return values
+
+
+def _form(returned: object) -> str:
+    """Return the shape of what a law returned, as text."""
+    try:
+        return f"the shape {np.shape(returned)}"  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return "parts of different shapes"
 
 
 class OwnGasField(GridGas):

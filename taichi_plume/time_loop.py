@@ -23,7 +23,7 @@ from taichi_plume.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
     from taichi_plume.agents.gas_map import Readers
-    from taichi_plume.agents.received import Received
+    from taichi_plume.agents.received_readings import ReceivedReadings
     from taichi_plume.agents.swarm import Swarm
     from taichi_plume.files.gaden import Cubes
     from taichi_plume.grid.shapes import Shape
@@ -178,7 +178,7 @@ class TimeLoop:
     """
     forces: Callable[[], np.ndarray] | None = None
     """Force of the air on each obstacle [N], shape (obstacles, dim); None if unknown."""
-    received: "Mapping[int, Received]" = field(default_factory=dict)
+    received: "Mapping[int, ReceivedReadings]" = field(default_factory=dict)
     """Readings that reach the robots that make maps, by the number of the robot."""
     observers: list[Every] = field(default_factory=list, init=False)
     """Observers that are called when they are due; append your own."""
@@ -293,7 +293,7 @@ class TimeLoop:
         self.swarm.move(self.tick, self.t, self.dt)
         self.sensors.measure(self.gas, self.wind, self.tick, self.t)
         for received in self.received.values():
-            received.listen(self.tick)
+            received.receive(self.tick)
         for model, gas_map in zip(self.scenario.maps, self.maps, strict=True):
             readers = self.swarm if model.robot is None else self.received[model.robot]
             gas_map.update(readers, self.t, self.dt)

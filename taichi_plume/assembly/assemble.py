@@ -14,7 +14,7 @@ from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.line_sensors import Surroundings
 from taichi_plume.agents.mapping import mappers
 from taichi_plume.agents.placement import Placed, place, placed
-from taichi_plume.agents.received import Received
+from taichi_plume.agents.received_readings import ReceivedReadings
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import teams
@@ -126,7 +126,7 @@ def build(
     mapped = Floor(extent, max(1, swarm.trials), most, scenario.tick, clearance.obstacle_distance_at)
     maps = mappers(scenario.maps, mapped)
     makers = {gas_map.robot for gas_map in scenario.maps if gas_map.robot is not None}
-    received = {robot: Received(swarm, robot) for robot in sorted(makers)}
+    received = {robot: ReceivedReadings(swarm, robot) for robot in sorted(makers)}
     rebuild = partial(_rebuild, prepared, film, driven)
     forces = None
     if isinstance(wind, FlowSolver) and wind.area is not None:

@@ -199,7 +199,10 @@ def _map(sim: TimeLoop, n: int, series: MapSeries | None) -> Json:
                 **(_over_time(series, k) if series else {}),
             }
         )
-    about = {"kind": sim.scenario.maps[n].kind, "cell_m": gas_map.cell}
+    model = sim.scenario.maps[n]
+    about: Json = {"kind": model.kind, "cell_m": gas_map.cell}
+    if model.robot is not None:
+        about["robot"] = model.robot
     if len(parts) == 1:
         return about | parts[0]
     return about | {"groups": [{"name": part.pop("made_by")[0], **part} for part in parts]}

@@ -63,8 +63,6 @@ def _standing(run: Run, trial: int) -> "pandas.DataFrame":
     """Return the rows of a trial's robots that never move. Raises RunFolderError."""
     robots = run.robots
     robots = robots[robots["trial"] == trial]
-    if not robots.empty:
-        robots = robots[robots["t"] > run.robots["t"].min()]
     if robots.empty:
         raise RunFolderError(f"{run.folder}: has no trial {trial}; trials are numbered from 0 on")
     places = robots.groupby(["group", "robot"], observed=True)[["x", "y"]]
@@ -73,7 +71,7 @@ def _standing(run: Run, trial: int) -> "pandas.DataFrame":
         raise RunFolderError(
             f"{run.folder}: has no nodes: every robot moves; give nodes of a network speed: 0"
         )
-    return robots.loc[stands]
+    return robots.loc[stands & (robots["t"] > robots["t"].min())]  # at first no sensor has read
 
 
 def _period(run: Run, t: np.ndarray) -> float:

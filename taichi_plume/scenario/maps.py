@@ -29,14 +29,17 @@ class AnyMap(Model):
     cell: si.Length
     """Edge of the square cells of the map."""
     robot: Annotated[int, Field(ge=0, le=MOST_CELLS), SHAPE] | None = None
-    """Number, from 0 on over all groups, of the robot of each trial that makes the map from what it receives. These are
-    its own readings and those within the range of its group's `communication`, unless lost. Unless given, all count."""
+    """Number of the robot of each trial that makes the map from what it receives, from 0 on over all groups, or within
+    each of `rivals`. It receives its own readings and those within the range of its own `communication`, less the lost
+    ones. Unless given, all readings count."""
 
     def errors(self, where: str, context: Context) -> Iterator[str]:
         if self.robot is not None:
-            counts = [group.count for group in context.scenario.robots] or [0]
-            count = (min if context.scenario.rivals else sum)(counts)
-            if self.robot >= count:
+            groups, rivals = context.scenario.robots, context.scenario.rivals
+            count = (min if rivals else sum)([group.count for group in groups] or [0])
+            if not rivals and len({group.trials for group in groups}) > 1:
+                yield f"{where}.robot: needs groups with equal trials, as robots are counted over all groups"
+            elif self.robot >= count:
                 yield f"{where}.robot: {self.robot} is no robot of a trial of {count}; the first one is 0"
 
     def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, float | None]:

@@ -86,7 +86,8 @@ def _files(scenario: Scenario) -> dict[str, float]:
 
 def _bytes_per_tick(group: Group) -> float:
     """Return the size [bytes] of the rows of a group's robots in robots.parquet, per tick."""
-    return (BYTES_PER_ROW + BYTES_PER_NUMBER * group.sensors.ranges) * group.count * group.trials
+    further = group.sensors.ranges + len(group.sensors.noses) - 1
+    return (BYTES_PER_ROW + BYTES_PER_NUMBER * further) * group.count * group.trials
 
 
 def _others(scenario: Scenario) -> dict[str, float]:

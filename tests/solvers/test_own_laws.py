@@ -78,6 +78,18 @@ def test_the_wind_is_the_nearest_one_without_divergence():
         assert found["max_divergence"] < 1e-5
 
 
+def test_velocities_may_be_given_by_component():
+    """Numbers and arrays, or arrays alone."""
+    means = []
+    for v in (
+        lambda points, t: [0.2, 0.1],
+        lambda points, t: (0.2 + 0 * points[:, 0], 0.1 + 0 * points[:, 1]),
+    ):
+        with simulation(wind=tp.Own(v)) as sim:
+            means.append((float(sim.wind.u.mean()), float(sim.wind.v.mean())))
+    assert means == [pytest.approx((0.2, 0.1))] * 2
+
+
 def test_gas_on_the_grid_is_carried_and_conserved():
     gas = {"kind": "eulerian", "sources": [{"position": [0.5, 1.0], "rate": 1e-5}]}
     with simulation(gas) as sim:
@@ -111,6 +123,10 @@ def uneven(points, t):
     return np.zeros(7)
 
 
+def ragged(points, t):
+    return [np.zeros(2), np.zeros(3)]
+
+
 def infinite(points, t):
     return np.where(points[:, 0] > 2.0, np.inf, 1.0)
 
@@ -126,6 +142,7 @@ def broken(points, t):
 REFUSED = [
     (negative, r"negative: returned -0.05 ppm at \(0.05, 0.05\) m, t = 0 s; must not be negative"),
     (uneven, r"uneven: returned the shape \(7,\), not \(600,\)"),
+    (ragged, r"ragged: returned parts of different shapes, not \(600,\)"),
     (infinite, r"infinite: returned inf at \(2.05, 0.05\) m, t = 0 s, not finite numbers"),
     (complex_, r"complex_: returned complex"),
     (broken, r"line \d+: ZeroDivisionError"),

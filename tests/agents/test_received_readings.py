@@ -15,9 +15,10 @@ def law(points, t):
     return 10.0 + points[:, 0] + 5.0 * points[:, 1] + t
 
 
-def simulation(*robots, trials=1, kind="inverse_distance", **communication):
+def simulation(*robots, trials=1, first=0, kind="inverse_distance", keys=None, **communication):
     group = {
         "trials": trials,
+        "first_trial": first,
         "algorithm": {"kind": "random_walk", "speed": 0.0},
         "sensors": {"gas": {"kind": "ideal"}, "wind": {"kind": "ideal"}},
         "communication": communication,
@@ -43,6 +44,7 @@ def simulation(*robots, trials=1, kind="inverse_distance", **communication):
                 for robot in robots
             ],
         }
+        | (keys or {})
     )
 
 
@@ -72,6 +74,25 @@ def test_lost_readings_do_not_arrive():
     assert abs(np.corrcoef(others.T)[np.triu_indices(4, 1)]).max() < 0.6
 
 
+def test_a_trial_loses_the_same_alone_and_among_others():
+    arrived = []
+    for first, trials in ((0, 3), (2, 1)):
+        with simulation(1, trials=trials, first=first, loss=0.5) as sim:
+            sim.run(until=0.5)
+            members = sim.loop.swarm.members.to_numpy()[-1]
+            arrived.append(sim.loop.received[1].reading.to_numpy()[members])
+    assert 1 < np.isnan(arrived[0]).sum() < 5
+    np.testing.assert_array_equal(*arrived)
+
+
+def test_rivals_are_counted_each_by_itself():
+    """Each group has rows of trials of its own, in which its robot 1 receives."""
+    with simulation(1, keys={"rivals": True}, range=0.6) as sim:
+        sim.run(until=0.2)
+        received = np.isfinite(sim.loop.received[1].reading.to_numpy())
+    assert received.tolist() == [False, True, False, True, False]
+
+
 def test_maps_hold_what_their_robot_has_received():
     """A robot that hears nobody maps its own readings of the last window everywhere."""
     with simulation(0, 3, None, range=0.3) as sim:
@@ -94,6 +115,13 @@ def test_every_kind_of_map_can_be_of_a_robot(kind):
     assert together > own + 3.0
 
 
-def test_other_robots_are_refused():
-    with pytest.raises(tp.ScenarioError, match=r"maps\[1\]\.robot: 5 is no robot of a trial of 5"):
-        simulation(4, 5)
+@pytest.mark.parametrize(
+    ("robots", "keys", "reported"),
+    [
+        ((4, 5), {}, r"maps\[1\]\.robot: 5 is no robot of a trial of 5"),
+        ((2,), {"rivals": True}, "a trial of 2"),
+    ],
+)
+def test_other_robots_are_refused(robots, keys, reported):
+    with pytest.raises(tp.ScenarioError, match=reported):
+        simulation(*robots, keys=keys)

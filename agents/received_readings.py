@@ -1,7 +1,7 @@
-"""Readings that one robot of each trial receives, for the maps that it makes: its own, and those of the other robots.
+"""Readings that one robot of each trial receives, for the maps that this robot makes.
 
-Each robot sends each of its readings to the others of its trial. It arrives within the range of the receiver's
-`communication`, unless it is lost, as messages of search algorithms do (see `Radio`).
+Each robot sends each of its readings to the others of its trial. A reading arrives within the range of the receiver's
+`communication`, unless the reading is lost, as messages of search algorithms do (see `Radio`).
 """
 
 import numpy as np
@@ -13,8 +13,8 @@ from taichi_plume.engine import ti
 from taichi_plume.grid.rng import stream_id, uniform4
 
 
-class Received:
-    """Readings received by the robot with number `robot` of each trial, counted over the groups; see `Readers`.
+class ReceivedReadings:
+    """Readings of a trial that its robot with number `robot`, counted over all groups, receives; see `Readers`.
 
     `reading` is NaN for robots whose reading of the present time step does not arrive.
     """
@@ -42,15 +42,14 @@ class Received:
         self.reading = ti.filled(np.full(n, np.nan), ti.f32)  # ppm
 
     @ti.kernel
-    def listen(self, tick: int):
+    def receive(self, tick: int):
         """Receive the readings of time step `tick`."""
-        ti.loop_config(serialize=ti.static(runs_serially(self.team_size.shape[0])))
+        ti.loop_config(serialize=ti.static(runs_serially(self.swarm.count)))
         for k, m in ti.ndrange(*self.members.shape):
             if m < self.team_size[k]:
-                i, holder = self.members[k, m], self.members[k, ti.min(self.robot, self.team_size[k] - 1)]
-                apart = (self.swarm.position[i] - self.swarm.position[holder]).norm()
+                i, receiver = self.members[k, m], self.members[k, self.robot]
+                apart = (self.swarm.position[i] - self.swarm.position[receiver]).norm()
                 key, number, now = self.swarm.counter(i, self.number[i], tick)
                 u = uniform4(key, self.stream[i], number, now, 0)
-                arrives = apart <= self.range[holder] and u[0] > self.loss[holder]
-                own = i == holder
-                self.reading[i] = ti.select(own or arrives, self.swarm.reading[i], ti.math.nan)
+                arrives = apart <= self.range[receiver] and u[0] > self.loss[receiver]
+                self.reading[i] = ti.select(i == receiver or arrives, self.swarm.reading[i], ti.math.nan)
