@@ -29,9 +29,9 @@ class AnyMap(Model):
     cell: si.Length
     """Edge of the square cells of the map."""
     robot: Annotated[int, Field(ge=0, le=MOST_CELLS), SHAPE] | None = None
-    """Number of the robot of each trial that makes the map from what it receives, from 0 on over all groups, or within
-    each of `rivals`. It receives its own readings and those within the range of its own `communication`, less the lost
-    ones. Unless given, all readings count."""
+    """Number of the robot of each trial that makes the map from the readings that it receives. These are its own and
+    those within the range of its `communication`, less the lost ones. Robots are counted from 0 on over all groups, of
+    `rivals` within each. Unless given, all readings count."""
 
     def errors(self, where: str, context: Context) -> Iterator[str]:
         if self.robot is not None:

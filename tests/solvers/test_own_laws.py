@@ -79,15 +79,16 @@ def test_the_wind_is_the_nearest_one_without_divergence():
 
 
 def test_velocities_may_be_given_by_component():
-    """Numbers and arrays, or arrays alone."""
+    """Numbers, arrays beside numbers, and a row for each point."""
     means = []
-    for v in (
+    for law in (
         lambda points, t: [0.2, 0.1],
-        lambda points, t: (0.2 + 0 * points[:, 0], 0.1 + 0 * points[:, 1]),
+        lambda points, t: (0.2 + 0 * points[:, 0], 0.1),
+        lambda points, t: [[0.2, 0.1] for _ in points],
     ):
-        with simulation(wind=tp.Own(v)) as sim:
+        with simulation(wind=tp.Own(law)) as sim:
             means.append((float(sim.wind.u.mean()), float(sim.wind.v.mean())))
-    assert means == [pytest.approx((0.2, 0.1))] * 2
+    assert means == [pytest.approx((0.2, 0.1))] * 3
 
 
 def test_gas_on_the_grid_is_carried_and_conserved():
