@@ -12,7 +12,7 @@ minimum. Only the first spiral of a search may start otherwise: with a turn, or 
 
 The paper states no lengths of arms, except that they suit the area. Random SPIRAL ignores gas, so that its published
 acquisitions, 38.6 and 28.3 from 180 and 150 cm (n = 10), depend on the arms alone: first arms of 0.35, 0.4 (the
-default), 0.45 and 0.5 m all agree with them (chi-square 0.6, 0.4, 0.9, 2.6; validation/spiral_floor.py). With a side
+default), 0.45 and 0.5 m all agree with them (chi-square 0.4, 0.8, 1.2, 2.5; validation/spiral_floor.py). With a side
 drawn for each search 0.45 m comes first (1.3, 0.6, 0.4, 0.8), as it does to the right (3.0, 1.6, 0.7, 0.9).
 
 After a collision the rest of the leg turns aside: in the sense of the spiral, or to the side of the highest PI among

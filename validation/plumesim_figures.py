@@ -52,12 +52,11 @@ from taichi_plume.validation.searches import scenario_of
 
 DISCUSSION = """\
 Reproduced: the readings of the 21 nodes correlate with the simulated plume by 0.99, and the three robots arrive along
-ways that are 0.2 m from each other. The sum of the nodes is 1.6 times that of the simulated plume, another flow
-realisation. The measured plume looks wider: a reading holds for the whole cell of its node, 0.5 m here, and rows of
-nodes beside the axis are met by the plume's edge now and then. Both are properties of a network, as in the paper's
-figure.
+paths that are 0.2 m from each other. The real path is longer, 1.5 of the straight way, where the others have 1.3. The
+sum of the nodes is 1.6 times that of the simulated plume, another flow realisation. The measured plume looks wider, as
+a reading stands for the square of 0.5 m around its node.
 
-The paper gives no figures and not its nodes; one run of each kind, as there, says nothing about others.
+The paper gives neither numbers nor the places of its nodes; one run of each kind, as there, says nothing about others.
 """
 SIZE = (4.0, 3.0)  # m, of the arena
 STABLE = 30.0  # s, after which the nodes' sensors have settled and the robots start

