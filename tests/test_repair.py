@@ -75,7 +75,7 @@ def test_a_result_that_says_nothing_is_of_a_killed_run(finished, content):
 
 def test_what_is_damaged_does_not_keep_the_rest_from_being_completed(finished, capsys):
     cut_off(finished)
-    flipped("robots.arrows", 16)(finished)  # in the schema
+    flipped("robots.arrows", 0)(finished)  # the mark at which the stream begins
     (finished / "plume.pslog").write_bytes(b"")
     (finished / "forces.csv").write_text("t_s,obstacle,x_N,y_N\n0,0,1,2\n1,0,3")
     assert repair.main([str(finished)]) == 1

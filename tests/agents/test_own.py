@@ -172,7 +172,7 @@ def test_decision_quantities_are_attributes_of_the_class(path, held, expected):
     [
         ('("lost", "s", "time")', "0", r"upwind.py, DECISIONS of Upwind is \('lost', .* must be a tuple of"),
         ('(("lost time", "s", "time"),)', "0", "must be a tuple of"),
-        ('(("found_at", "s", "time"),)', "0", "upwind.py: AttributeError: .*'found_at'"),
+        ('(("found_at", "s", "time"),)', "0", "upwind.py: Upwind has no attribute 'found_at'"),
         (LOST, "np.zeros(3)", r"upwind.py, Upwind.lost has the shape \(3,\), not \(4,\)"),
     ],
 )
