@@ -116,9 +116,7 @@ def repeated(cases: dict[str, Known], results: dict[str, Any]) -> str:
             known = cases[name]
             title = f"*{_plain(known.about)}* ({_linked(known.reference)}; evidence: {known.evidence})\n"
             parts += [f"### {name}\n", title]
-            parts += [
-                f"{_plain(part, lines=True)}\n" for part in known.discussion.strip().split("\n\n") if part
-            ]
+            parts += [f"{_prose(part)}\n" for part in known.discussion.strip().split("\n\n") if part]
             parts += _figures(results[name]) if name in results else ["Not run for this page.\n"]
     return "\n".join(parts)
 
@@ -254,9 +252,14 @@ def _limit(expected: str) -> str:
     return expected.replace(">=", "≥").replace("<=", "≤")
 
 
-def _plain(text: str, lines: bool = False) -> str:
-    """Escape a text for a table cell. lines: keep the line breaks."""
-    return re.sub(r"([\\`*_{}\[\]|$<>~^#])", r"\\\1", text if lines else text.replace("\n", " "))
+def _plain(text: str) -> str:
+    """Escape a text for a table cell."""
+    return re.sub(r"([\\`*_{}\[\]|$<>~^#])", r"\\\1", text.replace("\n", " "))
+
+
+def _prose(text: str) -> str:
+    """Escape a paragraph, except for the `names` in it."""
+    return "`".join(part if n % 2 else _plain(part) for n, part in enumerate(text.split("`")))
 
 
 # ---------------------------------------------------------------- plots
