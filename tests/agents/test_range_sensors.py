@@ -1,5 +1,7 @@
 """Range sensors: distances to walls, obstacles and robots, against closed forms, and their limits and noise."""
 
+from typing import Any
+
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -19,8 +21,8 @@ RADIUS = 0.05
 
 def room(ranges, size=SIZE, start=None, count=1, trials=MANY, **keys):
     """Robots at many places, looking anywhere."""
-    wind = {"kind": "uniform", "velocity": [0.5] + [0.0] * (len(size) - 1)}
-    gas = {"kind": "gaussian_plume", "intensity": 0.1}
+    wind: dict[str, Any] = {"kind": "uniform", "velocity": [0.5] + [0.0] * (len(size) - 1)}
+    gas: dict[str, Any] = {"kind": "gaussian_plume", "intensity": 0.1}
     if "obstacles" in keys:
         wind, gas = {"kind": "synthetic", "speed": 0.05}, {"kind": "eulerian"}
     gas["sources"] = [{"position": [0.2, 0.2, 0.2][: len(size)], "rate": 1e-6}]

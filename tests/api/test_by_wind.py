@@ -72,7 +72,7 @@ def searched(by_wind, wind: float):
     with tp.Simulation(data, overrides={"gas": gas}) as sim:
         sim.every(1.0, lambda sim: seen.update(sim.robots["state"]))
         sim.run()
-        return seen, sim.robots["found"]
+        return seen, sim.robots["found"].to_numpy(bool)
 
 
 @pytest.mark.usefixtures("taichi")

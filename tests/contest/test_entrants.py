@@ -174,5 +174,5 @@ def law(points, t):
 
 
 def test_a_law_takes_no_part():
-    with pytest.raises(ScenarioError, match="algorithms: law.* is a function"):
+    with pytest.raises(ScenarioError, match=r"algorithms: law.* is a function"):
         entrants([Own(law)], [], [])

@@ -350,7 +350,7 @@ def test_a_camera_counts_its_frames_from_the_start_of_each_episode(taichi):
         for _ in range(4):
             np.testing.assert_allclose(many.swarm.believed_position.to_numpy(), before, atol=1e-6)
             before = many.swarm.position.to_numpy()
-            many.step(np.tile(np.float32([1.0, 0.3, -1.0]), (2 * TEAM, 1)))
+            many.step(np.tile(np.array([1.0, 0.3, -1.0], np.float32), (2 * TEAM, 1)))
         assert np.abs(many.swarm.position.to_numpy() - before).max() > 0.01
 
 

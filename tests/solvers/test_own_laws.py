@@ -111,7 +111,10 @@ def test_a_state_is_restored():
         sim.run(until=2.0)
         later = sim.gas.methane_ppm.values.copy()
         state.restore(saved)
-        with_state = sim.loop.gas.gases[0].cells(0.0) * sim.loop.gas.gases[0].species.ppm_per_density
+        gas = sim.loop.gas.gases[0]
+        cells = gas.cells(0.0)
+        assert cells is not None
+        with_state = cells * gas.species.ppm_per_density
         np.testing.assert_allclose(with_state.T, first, rtol=1e-6)
         assert np.abs(later - first).max() > 1.0
 
