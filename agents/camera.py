@@ -35,12 +35,8 @@ class Camera:
 
     def __init__(self, count: int, counter: Callable, groups: Sequence[GroupRange]):
         self.counter = counter
-        sees, numbers, streams, times = (
-            np.zeros(count),
-            np.zeros(count),
-            np.zeros(count, np.uint32),
-            np.zeros(count),
-        )
+        sees, numbers, times = np.zeros((3, count))
+        streams = np.zeros(count, np.uint32)
         rates, delays, noises = np.ones(count), np.zeros(count), np.zeros((count, 3))
         slots = 2
         for group in groups:

@@ -6,11 +6,13 @@ Each robot sends each of its readings to the others of its trial. A reading arri
 
 import numpy as np
 
-from taichi_plume.agents.radio import UNLIMITED
+from taichi_plume.agents.members import Members
+from taichi_plume.agents.parameters import Parameters
+from taichi_plume.agents.radio import Radio
 from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.engine import ti
-from taichi_plume.grid.rng import stream_id, uniform4
+from taichi_plume.grid.rng import uniform4
 
 
 class ReceivedReadings:
@@ -22,24 +24,12 @@ class ReceivedReadings:
     def __init__(self, swarm: Swarm, robot: int):
         self.swarm, self.robot = swarm, robot
         self.members, self.team_size = swarm.members, swarm.team_size
-        self.believed_position, self.wind, self.wind_known = (
-            swarm.believed_position,
-            swarm.wind,
-            swarm.wind_known,
-        )
-        n = max(1, swarm.count)
-        ranges, losses = np.zeros(n), np.zeros(n)
-        numbers, streams = np.zeros(n), np.zeros(n, np.uint32)
-        for group in swarm.groups:
-            model = group.model.communication
-            ranges[group.slice] = UNLIMITED if model.range is None else model.range
-            losses[group.slice] = model.loss
-            numbers[group.slice] = group.first + np.arange(group.size)
-            streams[group.slice] = stream_id(f"group {group.number}/map of robot {robot}")
-        self.range, self.loss = ti.filled(ranges, ti.f32), ti.filled(losses, ti.f32)  # m, probability
-        self.number = ti.filled(numbers, ti.i32)  # of the robot in its group, among all possible trials
-        self.stream = ti.filled(streams, ti.u32)
-        self.reading = ti.filled(np.full(n, np.nan), ti.f32)  # ppm
+        self.believed_position = swarm.believed_position
+        self.wind, self.wind_known = swarm.wind, swarm.wind_known
+        everyone = Members(swarm, range(len(swarm.groups)))  # with the indices of the swarm
+        self.number = everyone.number
+        self.p = Parameters(everyone, Radio.numbers, stream=f"map of robot {robot}")
+        self.reading = ti.filled(np.full(swarm.count, np.nan), ti.f32)  # ppm
 
     @ti.kernel
     def receive(self, tick: int):
@@ -50,6 +40,6 @@ class ReceivedReadings:
                 i, receiver = self.members[k, m], self.members[k, self.robot]
                 apart = (self.swarm.position[i] - self.swarm.position[receiver]).norm()
                 key, number, now = self.swarm.counter(i, self.number[i], tick)
-                u = uniform4(key, self.stream[i], number, now, 0)
-                arrives = apart <= self.range[receiver] and u[0] > self.loss[receiver]
+                u = uniform4(key, self.p.stream[i], number, now, 0)
+                arrives = apart <= self.p.range[receiver] and u[0] > self.p.loss[receiver]
                 self.reading[i] = ti.select(i == receiver or arrives, self.swarm.reading[i], ti.math.nan)

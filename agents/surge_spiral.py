@@ -40,8 +40,8 @@ class SurgeSpiral(PlumeTracker):
             **super().numbers(group, model),
             "widening": model.gap / (2.0 * pi),  # dr/dphi [m]
             "most": 2.0 * pi * model.turns,  # phi [rad]
-            "lag": group.speed(model.speed)
-            * max(STEER, group.model.turn_time),  # way by which steering lags [m]
+            # way by which steering lags [m]
+            "lag": group.speed(model.speed) * max(STEER, group.model.turn_time),
         }
 
     @ti.func

@@ -1,6 +1,6 @@
 """Runs of experiments: search trials of robots in one or several airs with their statistics, and runs with probes."""
 
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -74,6 +74,30 @@ def pooled(parts: Iterable[tuple[Key, Mapping[str, Sequence[Any]]]]) -> dict[Key
         for name, values in part.items():
             columns.setdefault(key, {}).setdefault(name, []).extend(values)
     return {key: {name: np.array(values) for name, values in part.items()} for key, part in columns.items()}
+
+
+def first_trials(
+    scene: Callable[[int, list[Keys], float], Keys],
+    groups: Mapping[Key, Callable[[int], Keys]],
+    trials: int,
+    airs: int,
+    limit: float,
+) -> dict[Key, dict[str, np.ndarray]]:
+    """Return the outcomes of searches that all start at time 0, by row, with `time` [s] and `air`.
+
+    scene: scenario for an air, groups and a duration [s]. groups: for each row the group of so many trials. Searches
+    end at `limit` [s]; failures count with this time.
+    """
+    parts = []
+    for air, share in enumerate(spread(trials, airs)):
+        robots = {row: group(share) for row, group in groups.items()}
+        afresh()
+        columns = contest(scene(air, list(robots.values()), limit), limit=limit)
+        for row, group in robots.items():
+            outcomes = columns[group["name"]]
+            time = np.where(outcomes["success"], outcomes["time_s"], limit).tolist()
+            parts.append((row, outcomes | {"time": time, "air": [air] * share}))
+    return pooled(parts)
 
 
 class Searches:

@@ -29,7 +29,7 @@ from taichi_plume.validation.experiment import (
     over_airs,
     ratio_over_airs,
 )
-from taichi_plume.validation.searches import afresh, contest, pooled, scenario_of, spread
+from taichi_plume.validation.searches import afresh, first_trials, scenario_of
 from taichi_plume.validation.spiral_room import ALGORITHMS, DISTANCES, HOUR, at, momo, room
 
 DISCUSSION = """\
@@ -108,20 +108,15 @@ def least_index(factor: int) -> float:
 @cache
 def searched(trials: int, factor: int) -> Mapping[tuple[str, int], Mapping[str, np.ndarray]]:
     """Return the outcomes of each algorithm and distance with so many trials, in all airs, with `time` and `air`."""
-    least, parts = {"minimum_ppm": least_index(factor)}, []
-    for air, share in enumerate(spread(trials, AIRS)):
-        robots = {}
-        for name in NAMES:
-            keys = ALGORITHMS[name] | (least if name == "SPIRAL" else {})
-            for d in DISTANCES:
-                robots[name, d] = momo(f"{name} {d}", share, start(d, factor), keys)
-        afresh()
-        columns = contest(area(air, list(robots.values()), HOUR, factor))
-        for row, group in robots.items():
-            outcomes = columns[group["name"]]
-            time = np.where(outcomes["success"], outcomes["time_s"], HOUR).tolist()
-            parts.append((row, outcomes | {"time": time, "air": [air] * share}))
-    return pooled(parts)
+    least = {"SPIRAL": {"minimum_ppm": least_index(factor)}}
+    groups = {
+        (name, d): partial(
+            momo, f"{name} {d}", start=start(d, factor), algorithm=ALGORITHMS[name] | least.get(name, {})
+        )
+        for name in NAMES
+        for d in DISTANCES
+    }
+    return first_trials(partial(area, factor=factor), groups, trials, AIRS, HOUR)
 
 
 def compare(trials: int, row: tuple[str, int]) -> Results:

@@ -22,7 +22,7 @@ import numpy as np
 
 from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Results, over_airs
-from taichi_plume.validation.searches import afresh, contest, pooled, spread
+from taichi_plume.validation.searches import first_trials
 from taichi_plume.validation.spiral_cases import NEAR_SPIRAL
 from taichi_plume.validation.spiral_index import (
     HEIGHTS,
@@ -87,22 +87,18 @@ def searched(trials: int, name: str, starts: bool = False) -> Mapping[tuple[str,
     starts: whether SPIRAL searches by STARTS, instead of the algorithms of NAMES.
     """
     algorithms = {key: reading(key) for key in STARTS} if starts else {key: ALGORITHMS[key] for key in NAMES}
-    least, parts = {"minimum_ppm": least_index(airs_of(trials), ROOMS[name])}, []
-    for air, share in enumerate(spread(trials, AIRS)):
-        robots = {
-            (key, d): momo(
-                f"{key} {d}", share, at(d), algorithm | (least if algorithm["kind"] == "spiral" else {})
-            )
-            for key, algorithm in algorithms.items()
-            for d in DISTANCES
-        }
-        afresh()
-        columns = contest(ROOMS[name](air, list(robots.values()), LIMIT), limit=LIMIT)
-        for row, group in robots.items():
-            outcomes = columns[group["name"]]
-            time = np.where(outcomes["success"], outcomes["time_s"], LIMIT).tolist()
-            parts.append((row, outcomes | {"time": time, "air": [air] * share}))
-    return pooled(parts)
+    least = {"minimum_ppm": least_index(airs_of(trials), ROOMS[name])}
+    groups = {
+        (key, d): partial(
+            momo,
+            f"{key} {d}",
+            start=at(d),
+            algorithm=algorithm | (least if algorithm["kind"] == "spiral" else {}),
+        )
+        for key, algorithm in algorithms.items()
+        for d in DISTANCES
+    }
+    return first_trials(ROOMS[name], groups, trials, AIRS, LIMIT)
 
 
 def steadiness(airs: int, name: str, distance: int) -> np.ndarray:

@@ -233,7 +233,7 @@ def test_particle_filter():
         runs.add(now["filter_runs"])
         estimate = [now["estimate_x"], now["estimate_y"]]
         assert np.isnan([*estimate, now["belief_spread_m"]]).all() == (now["filter_runs"] == 0.0)
-        if tick == 39:  # two ticks of an update later particles may have been drawn anew
+        if tick == 39:  # two ticks of an update later particles may have been drawn again
             weight, particle = run.algorithm.weight.to_numpy()[0], run.algorithm.particle.to_numpy()[0]
             assert now["estimates"] >= 1.0
             mean = weight @ particle

@@ -56,7 +56,7 @@ def test_a_hit_at_the_start_goes_straight_on(run):
 
 
 def test_a_random_sense_is_drawn_for_each_search():
-    """Of 200 searches about half turn left at the end of their first arm, and all keep their sense."""
+    """About half of 200 searches turn left at the end of their first arm, and all keep their sense."""
     model = MODEL.model_copy(update={"sense": "random", "acquisition": 1.0, "settle": 0.0})
     run = Run(model, Script([0.0], 1.0), trials=200)
     _, places = run.go(20)

@@ -112,7 +112,7 @@ def test_ratios_over_airs_pair_them():
 
 
 def test_deviations_have_an_interval_over_airs():
-    """Of normal trials, the interval is that of chi-square; of trials that are equal in an air, that of the airs."""
+    """Normal trials have the interval of chi-square; trials that are equal in an air have that of the airs."""
     rng = np.random.default_rng(2)
     values, airs = rng.normal(1e3, 3.0, 2000), np.arange(2000) % 200
     found = deviation_over_airs(values, airs)

@@ -130,7 +130,7 @@ def test_figures_are_of_the_paper_set_up(monkeypatch):
 
 
 def test_levels_are_means_within_an_interval():
-    """Of a map that falls by 1 ppm per snap: 7 + 6 + 5 + 4 + 3 + 2, and the last snap alone."""
+    """The mean of one map over all snaps, from 7 to 2 ppm, and of two maps in the last snap."""
     times = np.array([35.0, 40.0, 45.0, 50.0, 55.0, 60.0])
     runs: Any = [
         SimpleNamespace(

@@ -25,7 +25,7 @@ def test_only_the_air_differs_from_the_room_of_table_2():
 
 
 def test_steadiness(monkeypatch):
-    """Of series whose logarithms are normal: the ratio of their standard deviations, at the place asked for."""
+    """The ratio of the standard deviations of the logarithms, here normal ones, at the place asked for."""
     rng = np.random.default_rng(1)
     place = PLACES.index((150, 180))
 
