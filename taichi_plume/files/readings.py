@@ -121,11 +121,8 @@ def _robots(names: list[np.ndarray]) -> np.ndarray | None:
     """Return the numbers (n,) of the robots with these names, from 0 on; names: columns (n,), whose rows count."""
     if not names:
         return None
-    number = np.zeros(len(names[0]), int)
-    for column in names:
-        values, index = np.unique(column.astype(str), return_inverse=True)
-        number = number * len(values) + index
-    return np.unique(number, return_inverse=True)[1]
+    together = np.column_stack([column.astype(str) for column in names])
+    return np.unique(together, axis=0, return_inverse=True)[1].reshape(-1)
 
 
 def _bag(
