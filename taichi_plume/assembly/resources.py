@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import ValidationError
 
+from taichi_plume.files.conventions import FileFacts
 from taichi_plume.files.network import Network
 from taichi_plume.files.own_class import CLASSES, Code, LawFile, OwnAlgorithmError, OwnFile, Permission
 from taichi_plume.files.point_frames import PointFileError, PointFrames, frames_of
@@ -33,7 +34,7 @@ if TYPE_CHECKING:  # they bring zarr and Taichi, for runs that need them
     from taichi_plume.grid.cut_cells import Air
 
 
-OPENED = ("files", "shapes", "films", "frames", "movies", "code", "networks", "ways", "gases")
+OPENED = ("files", "facts", "shapes", "films", "frames", "movies", "code", "networks", "ways", "gases")
 """Attributes of `Resources` with the contents of files, by the paths of the sections."""
 
 
@@ -42,7 +43,7 @@ class Resources:
     """Contents of a scenario's files, each opened once, by the paths of the sections that name them.
 
     faults: errors of files, by the paths of the keys that name them. files: paths that were opened for each section,
-    also by other files, and for `gaden`. shapes: of the obstacles, in their order. site: files of an imported wind.
+    also by other files, and for `gaden`. facts: what was read of the file of a section. shapes: of the obstacles, in their order. site: files of an imported wind.
     code: files of own algorithms and laws; own: their classes and functions, once executed. networks: of policies.
     ways: paths of recorded robots. gases: played-back gases, completed by their films. warnings: results of the checks.
     sections: all that were opened. folder, allow_outside, named, allow_code: permissions, see `preparation.again`.
@@ -56,6 +57,7 @@ class Resources:
     sections: dict[str, Model] = field(default_factory=dict)
     faults: dict[str, str] = field(default_factory=dict)
     files: dict[str, list[Path]] = field(default_factory=dict)
+    facts: dict[str, FileFacts] = field(default_factory=dict)
     shapes: dict[str, Shape] = field(default_factory=dict)
     films: "dict[str, Film]" = field(default_factory=dict)
     frames: dict[str, PointFrames] = field(default_factory=dict)

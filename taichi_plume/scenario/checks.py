@@ -38,7 +38,8 @@ def early_errors(scenario: Scenario) -> list[str]:
 def warnings(scenario: Scenario, resources: "Resources") -> list[str]:
     """Return the warnings of a scenario without errors, each as a line ``path: message``."""
     context = Context(scenario, resources)
-    lines = [line for where, section in every(scenario) for line in section.warnings(where, context)]
+    lines = [f"{where}: {remark}" for where, facts in resources.facts.items() for remark in facts.remarks]
+    lines += [line for where, section in every(scenario) for line in section.warnings(where, context)]
     return [*lines, *combinations.warnings(context)]
 
 

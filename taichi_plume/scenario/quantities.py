@@ -16,6 +16,12 @@ Number = float | str
 _NUMBER_AND_UNIT = re.compile(
     r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµμ%°][\w/*^ µμ%°().-]{0,40})\s*"
 )
+_EXPONENT = re.compile(r"([A-Za-zµμ])(-?\d)(?!\d)")  # of UDUNITS: m s-1, m3
+LONGEST_UNIT = 40  # characters
+FILE_UNITS = {  # pint's names of units that files write otherwise
+    "ppmv": "ppm", "1e-6": "ppm", "ppbv": "ppb", "1e-9": "ppb", "1": "dimensionless", "-": "dimensionless",
+    "vol%": "percent", "sec": "s", "secs": "s", "seconds": "s", "kelvin": "K",
+}  # fmt: skip
 # pint computes powers: m**9**9**9 never ends
 _TOWER = re.compile(r"(\^|\*\*)[^A-Za-zµμ]*(\^|\*\*)|\d\d")
 # Units in nearly every scenario. The values equal those of pint, whose import takes 0.2 s.
@@ -87,6 +93,26 @@ def parse(value: object, unit: str) -> float:
         raise PydanticCustomError(
             "quantity", "must have a unit that converts to {unit}", {"unit": unit}
         ) from None
+
+
+def conversion(written: str, unit: str) -> tuple[float, float]:
+    """Return (factor, offset) of a unit, as files write it: value in `unit` = factor * value + offset.
+
+    Known are pint's units, also with the exponents of UDUNITS ("m s-1", "kg m-3"). Raises ValueError if `written` is no
+    unit or of another kind.
+    """
+    text = FILE_UNITS.get(written.strip().lower(), written.strip())
+    if text == unit:
+        return 1.0, 0.0
+    text = _EXPONENT.sub(r"\1^\2", text)
+    try:
+        if not text or len(text) > LONGEST_UNIT or _TOWER.search(text):
+            raise ValueError
+        one, two = (_registry().Quantity(value, text).to(unit).magnitude for value in (1.0, 2.0))
+    except Exception:  # pint raises a dozen kinds of errors
+        raise ValueError(f"'{written}' is no unit that converts to {unit}") from None
+    factor = _as_written(float(two) - float(one))
+    return factor, _as_written(float(one) - factor)
 
 
 def _as_written(value: float) -> float:

@@ -1,0 +1,136 @@
+"""Units, axes, times and missing values that files of others state: one mechanism for all readers.
+
+Names of columns and attributes of arrays decide; keys of the scenario decide where a file says nothing. What a reader
+took from a file, and what it assumed, is a `FileFacts`, which ``--check`` prints.
+
+CF conventions 1.11: `units`, `scale_factor`, `add_offset`, `_FillValue`, `missing_value`, `axis`, `standard_name`.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from taichi_plume.scenario.quantities import conversion
+
+SENTINELS = (-999.0, -999.25, -9999.0, -99999.0, -999999.0, -9999999.0)
+"""Values that loggers and models write for "no value"."""
+UNIT_AT_END = re.compile(r"^(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]$")  # X (mm), u [ m s^-1 ]
+SUFFIXES = ("m", "cm", "mm", "km", "s", "ms", "us", "min", "h", "ppm", "ppb", "ppt", "m/s", "cm/s", "mm/s")
+"""Units that follow an underscore in the name of a column, such as x_mm."""
+SINCE = re.compile(r"\s*(\w+)\s+since\s+(\d{1,4}-\d{1,2}-\d{1,2}.*)", re.IGNORECASE)
+ROLES = {
+    "time": ("time", "t", "frame", "frames", "tau", "step"),
+    "z": ("z", "height", "altitude", "elevation", "lev", "level", "depth", "zc"),
+    "y": ("y", "row", "rows", "northing", "lat", "latitude", "yc", "projection_y_coordinate"),
+    "x": ("x", "col", "cols", "column", "columns", "easting", "lon", "longitude", "xc", "projection_x_coordinate"),
+}
+"""Names and standard names of axes."""
+
+
+class ConventionError(ValueError):
+    """Error: a unit or an axis that a file states cannot be used; the message is one line, without the path."""
+
+
+@dataclass(frozen=True)
+class FileFacts:
+    """What was read of a file: text in a line, such as "0.35 m/s at most, x 0 to 4 m"; remarks: what was assumed."""
+
+    text: str
+    remarks: tuple[str, ...] = ()
+
+
+# ---------------------------------------------------------------- units
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """Return a column's name in lower case and its unit, "" without one: "X (mm)" -> ("x", "mm")."""
+    plain = " ".join(name.strip("'\"\ufeff ").split())
+    match = UNIT_AT_END.match(plain)
+    if match and match[1]:
+        return match[1].lower(), match[2]
+    head, mark, unit = plain.lower().rpartition("_")
+    return (head, unit) if mark and unit in SUFFIXES else (plain.lower(), "")
+
+
+def in_si(values: np.ndarray, written: str, unit: str) -> np.ndarray:
+    """Convert values from a unit as files write it to `unit`; "" is `unit` itself. Raises ConventionError."""
+    if not written:
+        return values
+    try:
+        factor, offset = conversion(written, unit)
+    except ValueError as error:
+        raise ConventionError(str(error)) from None
+    return values if (factor, offset) == (1.0, 0.0) else factor * values + offset
+
+
+def times_of(values: np.ndarray, written: str) -> np.ndarray:
+    """Return times [s]; written: unit such as "ms", or "hours since 2026-01-01", which gives Unix times.
+
+    Raises ConventionError.
+    """
+    match = SINCE.fullmatch(written)
+    if not match:
+        return in_si(values, written, "s")
+    try:
+        start = datetime.fromisoformat(re.sub(r"\s*(UTC|Z)\s*$", "+00:00", match[2].strip()))
+    except ValueError:
+        raise ConventionError(f"'{written}' gives no date such as 2026-01-01 00:00:00") from None
+    if start.tzinfo is None:
+        start = start.replace(tzinfo=UTC)
+    return in_si(values, match[1], "s") + start.timestamp()
+
+
+# ---------------------------------------------------------------- missing and packed values
+
+
+def is_missing(values: np.ndarray, others: Sequence[float] = ()) -> np.ndarray:
+    """Return a mask of values that mean none: NaN, infinity, the SENTINELS, and these `others`."""
+    return ~np.isfinite(values) | np.isin(values, [*SENTINELS, *others])
+
+
+def unpacked(values: np.ndarray, attributes: Mapping[str, Any]) -> np.ndarray:
+    """Return an array's values as floats by CF's packing: NaN where missing, times scale_factor, plus add_offset.
+
+    attributes: of the array. Raises ConventionError if these are no numbers.
+    """
+    packing = {}
+    for name in ("scale_factor", "add_offset", "_FillValue", "missing_value"):
+        try:
+            packing[name] = np.ravel(attributes.get(name, ())).astype(float)
+        except (TypeError, ValueError):
+            raise ConventionError(f"its attribute {name} is no number") from None
+    result = np.array(values, dtype=float)
+    stored = result.astype(values.dtype) if values.dtype.kind == "f" else values
+    for name in ("_FillValue", "missing_value"):
+        for value in packing[name]:
+            result[stored == np.asarray(value).astype(stored.dtype)] = np.nan
+    scale, offset = (packing[name] for name in ("scale_factor", "add_offset"))
+    if len(scale):
+        result *= scale[0]
+    if len(offset):
+        result += offset[0]
+    return result
+
+
+# ---------------------------------------------------------------- axes
+
+
+def role_of(name: str, attributes: Mapping[str, Any] | None = None) -> str | None:
+    """Return "time", "z", "y" or "x" for an axis by CF's `axis` and `standard_name`, else by its name; None if unknown.
+
+    attributes: of the coordinate of this name.
+    """
+    known = attributes or {}
+    letter = str(known.get("axis", "")).upper()
+    if letter in ("T", "Z", "Y", "X"):
+        return {"T": "time"}.get(letter, letter.lower())
+    for text in (known.get("standard_name"), name):
+        plain = str(text or "").lower().rpartition("/")[2]
+        for role, names in ROLES.items():
+            if plain in names:
+                return role
+    return None
