@@ -43,7 +43,8 @@ class Resources:
     """Contents of a scenario's files, each opened once, by the paths of the sections that name them.
 
     faults: errors of files, by the paths of the keys that name them. files: paths that were opened for each section,
-    also by other files, and for `gaden`. facts: what was read of the file of a section. shapes: of the obstacles, in their order. site: files of an imported wind.
+    also by other files, and for `gaden`. facts: what was read of the files of each section.
+    shapes: of the obstacles, in their order. site: files of an imported wind.
     code: files of own algorithms and laws; own: their classes and functions, once executed. networks: of policies.
     ways: paths of recorded robots. gases: played-back gases, completed by their films. warnings: results of the checks.
     sections: all that were opened. folder, allow_outside, named, allow_code: permissions, see `preparation.again`.

@@ -41,8 +41,8 @@ def print_check(prepared: Prepared, out: Path | None = None, whole: bool = False
     say(*text.split("\n"), longest=None)
     for name, line in derived(scenario):
         say(f"# {name:<{NAMES}} {line}")
-    for where, facts in prepared.resources.facts.items():
-        say(f"# {'read':<{NAMES}} {where}: {facts.text}")
+    for where, known in prepared.resources.facts.items():
+        say(f"# {'read':<{NAMES}} {where}: {known.text}")
     for n, warning in enumerate(prepared.resources.warnings, 1):
         say(f"# unlikely {n}: {warning}")
     say(f"# {'size':<{NAMES}} {amounts(estimate(scenario))}")

@@ -21,12 +21,24 @@ SENTINELS = (-999.0, -999.25, -9999.0, -99999.0, -999999.0, -9999999.0)
 UNIT_AT_END = re.compile(r"^(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]$")  # X (mm), u [ m s^-1 ]
 SUFFIXES = ("m", "cm", "mm", "km", "s", "ms", "us", "min", "h", "ppm", "ppb", "ppt", "m/s", "cm/s", "mm/s")
 """Units that follow an underscore in the name of a column, such as x_mm."""
+EARLIEST_DATE = 1e8  # s: larger times are those since 1970
 SINCE = re.compile(r"\s*(\w+)\s+since\s+(\d{1,4}-\d{1,2}-\d{1,2}.*)", re.IGNORECASE)
 ROLES = {
     "time": ("time", "t", "frame", "frames", "tau", "step"),
     "z": ("z", "height", "altitude", "elevation", "lev", "level", "depth", "zc"),
     "y": ("y", "row", "rows", "northing", "lat", "latitude", "yc", "projection_y_coordinate"),
-    "x": ("x", "col", "cols", "column", "columns", "easting", "lon", "longitude", "xc", "projection_x_coordinate"),
+    "x": (
+        "x",
+        "col",
+        "cols",
+        "column",
+        "columns",
+        "easting",
+        "lon",
+        "longitude",
+        "xc",
+        "projection_x_coordinate",
+    ),
 }
 """Names and standard names of axes."""
 
@@ -41,6 +53,26 @@ class FileFacts:
 
     text: str
     remarks: tuple[str, ...] = ()
+
+
+def span(what: str, low: float, high: float, unit: str = "m") -> str:
+    """Return a range as text, such as "x 0 to 4 m"; without a name such as "2 to 3 s"."""
+    return f"{what} {low:.6g} to {high:.6g} {unit}".strip()
+
+
+def when(times: np.ndarray) -> str:
+    """Return sorted times [s] as text: "10 s from 0 s on, 0.5 s apart", with a date if they are Unix times."""
+    if not len(times):
+        return "no times"
+    start, last = float(times[0]), float(times[-1])
+    is_date = start >= EARLIEST_DATE
+    begin = f"{datetime.fromtimestamp(start, UTC):%Y-%m-%d %H:%M:%S} UTC" if is_date else f"{start:.6g} s"
+    steps = np.diff(np.unique(times))
+    if not len(steps):
+        return f"at {begin}"
+    low, high = float(steps.min()), float(steps.max())
+    apart = f"{low:.4g} s" if high - low <= 1e-3 * high else f"{low:.4g} to {high:.4g} s"
+    return f"{last - start:.6g} s from {begin} on, {apart} apart"
 
 
 # ---------------------------------------------------------------- units
@@ -82,6 +114,22 @@ def times_of(values: np.ndarray, written: str) -> np.ndarray:
     if start.tzinfo is None:
         start = start.replace(tzinfo=UTC)
     return in_si(values, match[1], "s") + start.timestamp()
+
+
+def iso_times(texts: Sequence[str | None]) -> np.ndarray:
+    """Return Unix times [s] of dates such as 2026-01-01T10:00:00.5, or seconds of times of day; NaN if a text is none.
+
+    Dates without a zone are UTC.
+    """
+    import pandas
+
+    plain = pandas.Series([str(text or "").replace(",", ".") for text in texts], dtype="string")
+    if plain.str.fullmatch(r"\d{1,2}:.*").all():
+        whole = plain.where(plain.str.count(":") > 1, plain + ":00")
+        return pandas.to_timedelta(whole, errors="coerce").dt.total_seconds().to_numpy(float)
+    dates = pandas.to_datetime(plain, utc=True, errors="coerce", format="ISO8601")
+    since = dates - pandas.Timestamp(0, tz="UTC")
+    return since.dt.total_seconds().to_numpy(float, na_value=np.nan)
 
 
 # ---------------------------------------------------------------- missing and packed values

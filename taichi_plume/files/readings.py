@@ -1,20 +1,23 @@
 """Reader of recorded gas-sensor readings: robots.parquet of a run, a ROS bag or CSV file of real robots, a DataFrame.
 
 A CSV or a DataFrame has the columns t [s], x, y [m] and reading [ppm] and, if known, wind_x, wind_y [m/s], trial
-(integers), group and robot (names); other columns are ignored. Columns of a CSV are separated by commas, semicolons or
-tabs. Positions and wind of a run are those that the robots believed, from which the run made its maps. Robots of a bag
-(see `bag_readings`) are groups.
+(integers), group and robot (names), or columns that the user names for these; other columns are ignored. Units in the
+names of columns count, see `named_columns`. Positions and wind of a run are those that the robots believed, from which
+the run made its maps. Robots of a bag (see `bag_readings`) are groups.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from taichi_plume.files import bag_readings, bags, manifest
 from taichi_plume.files.bag_readings import BagOptions
-from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, listed, plain
+from taichi_plume.files.conventions import ConventionError, FileFacts, is_missing, span, when
+from taichi_plume.files.named_columns import Column, Picked, convert, pick, read_columns
+from taichi_plume.files.tables import TextFile, listed, plain
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import unopenable
 from taichi_plume.scenario.changes import shown
@@ -23,24 +26,21 @@ if TYPE_CHECKING:
     import pandas
     import pyarrow
 
-NAMES = {
-    "t": ("t",),
-    "x": ("believed_x", "x"),
-    "y": ("believed_y", "y"),
-    "reading": ("reading_ppm", "reading"),
-    "wind_x": ("wind_x",),
-    "wind_y": ("wind_y",),
-    "trial": ("trial",),
-    "group": ("group",),
-    "robot": ("robot",),
+COLUMNS = {
+    "t": Column(("t", "time", "timestamp"), "s"),
+    "x": Column(("believed_x", "x"), "m"),
+    "y": Column(("believed_y", "y"), "m"),
+    "reading": Column(("reading_ppm", "reading", "concentration"), "ppm"),
+    "wind_x": Column(("wind_x",), "m/s", is_needed=False),
+    "wind_y": Column(("wind_y",), "m/s", is_needed=False),
+    "trial": Column(("trial",), is_needed=False),
+    "group": Column(("group",), is_text=True, is_needed=False),
+    "robot": Column(("robot",), is_text=True, is_needed=False),
 }
-"""Accepted column names, preferred names first."""
 TEXTS = ("group", "robot")
-"""Columns of names, all others are numbers."""
 MOST_ROWS = 10_000_000
-NEEDED = ("t", "x", "y", "reading")
-MOST = {"t": 1e13, "x": 1e8, "y": 1e8, "reading": 1e9, "wind_x": 1e4, "wind_y": 1e4}
-"""Largest absolute values; larger values are mistakes: a Unix time is 2e12 ms, pure vapour 1e6 ppm."""
+MOST = {"t": 1e10, "x": 1e8, "y": 1e8, "reading": 1e9, "wind_x": 1e4, "wind_y": 1e4}
+"""Largest absolute values; larger values are mistakes: a Unix time is 2e9 s, pure vapour 1e6 ppm."""
 
 
 class ReadingsError(InputError):
@@ -51,9 +51,9 @@ class ReadingsError(InputError):
 class Readings:
     """Gas readings sorted by time: t (n,) [s], place (n, 2) [m], reading (n,) [ppm], wind (n, 2) [m/s], 0 if unknown.
 
-    A reading that is no finite number is NaN. row: (n,) row of the file, from 1 on below the header. topics: for a
-    bag, a line for each robot on the topics that were read. path: the file, if any. robot: (n,) numbers of the robots
-    from 0 on, None if unknown.
+    A reading that is missing is NaN. row: (n,) row of the file, from 1 on below the header. topics: for a bag, a line
+    for each robot on the topics that were read. path: the file, if any. robot: (n,) numbers of the robots from 0 on,
+    None if unknown. facts: units, ranges and what was assumed.
     """
 
     t: np.ndarray
@@ -64,6 +64,17 @@ class Readings:
     topics: tuple[str, ...] = ()
     path: Path | None = None
     robot: np.ndarray | None = None
+    facts: FileFacts = field(default=FileFacts(""))
+
+
+class Columns(NamedTuple):
+    """Columns of readings by the keys of COLUMNS, in the units there; names: in the file; remarks: what was assumed."""
+
+    known: dict[str, np.ndarray]
+    names: dict[str, str]
+    remarks: tuple[str, ...] = ()
+    topics: tuple[str, ...] = ()
+    units: str = ""
 
 
 def read(
@@ -71,21 +82,34 @@ def read(
     trial: int | None = None,
     group: str | None = None,
     options: BagOptions | None = None,
+    columns: Mapping[str, str] | None = None,
+    missing: Sequence[float] = (),
 ) -> Readings:
     """Return the gas readings of a file or a table.
 
-    trial, group: by default the first trial and all groups. options: for a bag. Raises ReadingsError.
+    trial, group: by default the first trial and all groups. options: for a bag. columns: names of the table's columns
+    for t, x, y, reading and so on, with or without a unit. missing: numbers that mean no reading, besides the usual
+    ones. Raises ReadingsError.
     """
     file = Path(source) if isinstance(source, str | Path) else None
-    path, topics = file or Path("DataFrame"), ()
-    if file is not None and bags.is_bag(file):
-        names, known, topics = _bag(file, options)
-    elif options is not None and options != BagOptions():
+    path, is_bag = file or Path("DataFrame"), file is not None and bags.is_bag(file)
+    given = dict(columns or {})
+    unknown = [key for key in given if key not in COLUMNS]
+    if unknown:
+        raise ReadingsError(f"columns: '{unknown[0]}' is none of {', '.join(COLUMNS)}")
+    if given and is_bag:
+        raise ReadingsError(f"{path}: is a bag, which has topics instead of columns")
+    if not is_bag and options is not None and options != BagOptions():
         raise ReadingsError(f"{path}: is no bag, so it has no topics, frames and units to choose")
+    if is_bag:
+        read_in = _bag(path, options)
     elif not isinstance(source, str | Path):
-        names, known = _data_frame(path, source)
+        read_in = _data_frame(path, source, given)
+    elif path.suffix.lower() == ".parquet":
+        read_in = _parquet(path, given)
     else:
-        names, known = _parquet(path) if path.suffix.lower() == ".parquet" else _csv(path)
+        read_in = _csv(path, given, missing)
+    known, names = read_in.known, read_in.names
     chosen = _of_trial(path, known.get("trial"), trial, _of_group(path, known, group))
     if names["x"] == "believed_x":
         chosen &= known["t"] > 0.0  # a run measures nothing before its first tick
@@ -93,28 +117,57 @@ def read(
     if not len(row):
         raise ReadingsError(f"{path}: has no readings")
     for key in ("t", "x", "y"):
-        unknown = row[~np.isfinite(known[key][row])]
-        if len(unknown):
-            raise ReadingsError(f"{path}: {names[key]} of row {unknown[0] + 1} is not a number")
+        unknown_at = row[~np.isfinite(known[key][row])]
+        if len(unknown_at):
+            raise ReadingsError(f"{path}: {names[key]} of row {unknown_at[0] + 1} is not a number")
     for key, most in MOST.items():
         values = known[key][row] if key in known else np.zeros(1)
         large = np.flatnonzero((np.abs(values) > most) & np.isfinite(values))
         if len(large):
             where = f"{path}: {names[key]} of row {row[large[0]] + 1}"
-            raise ReadingsError(f"{where} is {values[large[0]]:g}, a mistake; at most {most:g} is allowed")
+            hint = "; if it is in another unit, name it, such as t=stamp [ms]" if key == "t" else ""
+            raise ReadingsError(
+                f"{where} is {values[large[0]]:g}, a mistake; at most {most:g} is allowed{hint}"
+            )
     row = row[np.argsort(known["t"][row], kind="stable")]
     still = np.zeros(len(chosen))
     wind = np.column_stack([known.get("wind_x", still), known.get("wind_y", still)])[row]
-    return Readings(
+    none = is_missing(known["reading"], missing)
+    remarks = read_in.remarks
+    if not np.array_equal(none, ~np.isfinite(known["reading"])):
+        count = int((none & np.isfinite(known["reading"])).sum())
+        which = ", ".join(
+            f"{value:g}" for value in np.unique(known["reading"][none & np.isfinite(known["reading"])])
+        )
+        remarks += (f"{count} of {len(none)} readings are {which}, which counts as missing",)
+    readings = Readings(
         known["t"][row],
         np.column_stack([known["x"], known["y"]])[row],
-        np.where(np.isfinite(known["reading"]), known["reading"], np.nan)[row],
-        np.nan_to_num(wind, posinf=0.0, neginf=0.0),
+        np.where(none, np.nan, known["reading"])[row],
+        np.nan_to_num(np.where(is_missing(wind, missing), np.nan, wind)),
         row + 1,
-        topics,
+        read_in.topics,
         file,
         _robots([known[key][row] for key in TEXTS if key in known]),
     )
+    return replace(readings, facts=FileFacts(_facts(readings, read_in.units), remarks))
+
+
+def _facts(readings: Readings, units: str) -> str:
+    """Return a line on times, places, readings and missing readings; units: a text on units that were assumed."""
+    known = readings.reading[np.isfinite(readings.reading)]
+    missing = len(readings.reading) - len(known)
+    values = f"{known.min():.4g} to {known.max():.4g} ppm" if len(known) else "no values"
+    (x, y), n = readings.place.T, len(readings.t)
+    parts = [
+        f"{n} readings",
+        when(readings.t),
+        values,
+        span("x", x.min(), x.max()),
+        span("y", y.min(), y.max()),
+    ]
+    parts += [f"{missing} missing" if missing else "none missing", units]
+    return ", ".join(part for part in parts if part)
 
 
 def _robots(names: list[np.ndarray]) -> np.ndarray | None:
@@ -125,10 +178,8 @@ def _robots(names: list[np.ndarray]) -> np.ndarray | None:
     return np.unique(together, axis=0, return_inverse=True)[1].reshape(-1)
 
 
-def _bag(
-    path: Path, options: BagOptions | None
-) -> tuple[dict[str, str], dict[str, np.ndarray], tuple[str, ...]]:
-    """Return a ROS bag's gas readings as columns like `_csv`, and a line of text on each robot's topics."""
+def _bag(path: Path, options: BagOptions | None) -> Columns:
+    """Return a ROS bag's gas readings as columns, with a line of text on each robot's topics."""
     try:
         robots = bag_readings.read(path, options)
     except bags.BagError as error:
@@ -140,27 +191,28 @@ def _bag(
     names = ("t", "x", "y", "reading", "wind_x", "wind_y", "group")
     columns = map(np.concatenate, zip(*rows, strict=True))
     lines = tuple(f"{robot.name}: {robot.topics}" for robot in robots)
-    return {name: name for name in names}, dict(zip(names, columns, strict=True)), lines
+    return Columns(dict(zip(names, columns, strict=True)), {name: name for name in names}, (), lines)
 
 
-def _csv(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
-    """Return a CSV's columns of readings: names in the file and values, both by standard key such as t, x, reading."""
-    file = TextFile(path, ReadingsError)
-    delimiter = delimiter_of(file.lines[0])
-    all_names = cells_of(file.lines[0], delimiter)
-    names = _picked(path, all_names)
-    table = Table(file, file.rows(1), len(all_names), delimiter, gaps=True)
-    keys = [key for key in names if key not in TEXTS]
-    numbers = table.numbers(*(all_names.index(names[key]) for key in keys))
-    known = dict(zip(keys, numbers.T, strict=True))
-    for key in TEXTS:
-        if key in names:
-            known[key] = table.texts(all_names.index(names[key]))
-    return names, known
+def _csv(path: Path, given: Mapping[str, str], missing: Sequence[float]) -> Columns:
+    """Return a CSV's columns of readings. given, missing: see `read`."""
+    named = read_columns(TextFile(path, ReadingsError), COLUMNS, given, missing, gaps=True)
+    return Columns(named.values, _names(named.picked), named.remarks, (), _assumed(named.picked))
 
 
-def _parquet(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
-    """Return a Parquet file's columns of readings: names and values by standard key such as t, x, reading.
+def _names(picked: Mapping[str, Picked]) -> dict[str, str]:
+    return {key: column.name for key, column in picked.items()}
+
+
+def _assumed(picked: Mapping[str, Picked]) -> str:
+    """Return a text on the units that the columns do not state."""
+    silent = {key: column for key, column in picked.items() if key in MOST and not column.unit}
+    units = ", ".join(f"{column.name} in {COLUMNS[key].unit}" for key, column in silent.items())
+    return f"assumed: {units}" if units else ""
+
+
+def _parquet(path: Path, given: Mapping[str, str]) -> Columns:
+    """Return a Parquet file's columns of readings. given: see `read`.
 
     Pages have checksums; the metadata have none, so the table of a run is compared with the manifest beside it.
     """
@@ -174,53 +226,60 @@ def _parquet(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
     manifest.require_unchanged(path, ReadingsError)
     try:
         with parquet.opened(path) as file:
-            names = _picked(path, file.schema_arrow.names)
+            picked = _picked(path, file.schema_arrow.names, given)
             if file.metadata.num_rows > MOST_ROWS:  # a page of equal values takes a few bytes
                 raise ReadingsError(f"{path}: has {file.metadata.num_rows:,} rows; at most {MOST_ROWS:,}")
-            table = file.read(columns=list(names.values()), use_threads=False)
+            table = file.read(columns=[column.name for column in picked.values()], use_threads=False)
     except ReadingsError:
         raise
     except (pa.ArrowException, OSError, ValueError, KeyError) as error:  # the last two: of names and types
         raise ReadingsError(f"{path}: cannot be read: {plain(str(error))}") from None
-    return names, _columns(path, table, names)
+    return _columns(path, table, picked)
 
 
-def _data_frame(path: Path, frame: object) -> tuple[dict[str, str], dict[str, np.ndarray]]:
+def _data_frame(path: Path, frame: object, given: Mapping[str, str]) -> Columns:
     """Return the columns of readings of a pandas table like `_parquet`. path: name of the table in messages."""
     import pandas
     import pyarrow as pa
 
     if not isinstance(frame, pandas.DataFrame):
         raise ReadingsError(f"readings: got {shown(frame)}; give a file, a run or a pandas.DataFrame")
-    names = _picked(path, [str(name) for name in frame.columns])
+    names = [str(name) for name in frame.columns]
+    picked = _picked(path, names, given)
     try:
-        table = pa.Table.from_pandas(frame[list(names.values())], preserve_index=False)
+        kept = frame.iloc[:, [column.index for column in picked.values()]]
+        kept = kept.set_axis([column.name for column in picked.values()], axis=1)
+        table = pa.Table.from_pandas(kept, preserve_index=False)
     except (pa.ArrowException, ValueError, TypeError, KeyError) as error:
         raise ReadingsError(f"{path}: cannot be read: {plain(str(error))}") from None
-    return names, _columns(path, table, names)
+    return _columns(path, table, picked)
 
 
-def _columns(path: Path, table: "pyarrow.Table", names: dict[str, str]) -> dict[str, np.ndarray]:
-    """Return the columns of a pyarrow table by standard key: names as texts, all others as numbers."""
+def _columns(path: Path, table: "pyarrow.Table", picked: Mapping[str, Picked]) -> Columns:
+    """Return the columns of a pyarrow table by key: names as texts, dates as Unix times, all others as numbers."""
     import pyarrow as pa
 
     known = {}
-    for key, name in names.items():
-        kind = table[name].type
+    for key, column in picked.items():
+        values, kind = table[column.name], table[column.name].type
         try:
-            known[key] = table[name].cast("string" if key in TEXTS else "float64", safe=False).to_numpy()
+            if key == "t" and pa.types.is_timestamp(kind):
+                known[key] = 1e-9 * values.cast(pa.timestamp("ns", kind.tz)).cast("int64").to_numpy()
+                continue
+            numbers = values.cast("string" if key in TEXTS else "float64", safe=False).to_numpy()
         except (pa.ArrowException, ValueError):
-            raise ReadingsError(f"{path}: {name} must be numbers, not {plain(str(kind))}") from None
-    return known
+            raise ReadingsError(f"{path}: {column.name} must be numbers, not {plain(str(kind))}") from None
+        known[key] = numbers if key in TEXTS else convert(numbers, column, COLUMNS[key])
+    return Columns(known, _names(picked), (), (), _assumed(picked))
 
 
-def _picked(path: Path, names: list[str]) -> dict[str, str]:
-    """Return the column name in the file for each standard key (t, x, reading ...). Raises ReadingsError."""
-    for name in sum(NAMES.values(), ()):
-        if names.count(name) > 1:
-            raise ReadingsError(f"{path}: has several columns '{name}'; remove or rename all but one")
-    picked = {key: name for key, of in NAMES.items() for name in reversed(of) if name in names}
-    missing = [key for key in NEEDED if key not in picked]
+def _picked(path: Path, names: list[str], given: Mapping[str, str]) -> dict[str, Picked]:
+    """Return the column of each key (t, x, reading ...) among these names. Raises ReadingsError."""
+    try:
+        picked = pick(names, COLUMNS, given)
+    except ConventionError as error:
+        raise ReadingsError(f"{path}: {error}") from None
+    missing = [key for key, column in COLUMNS.items() if column.is_needed and key not in picked]
     if missing:
         raise ReadingsError(f"{path}: has no column {', '.join(missing)}; it has {listed(names)}")
     return picked

@@ -14,6 +14,8 @@ from taichi_plume.files import manifest
 from taichi_plume.guard.safe_open import content_of
 
 LARGEST_FILE = 1 << 29  # bytes
+UTF16 = (b"\xff\xfe", b"\xfe\xff")  # byte order marks
+CONTROL = re.compile("[\0-\x08\x0e-\x1f\x7f]")  # no text has them
 LONGEST_HEADER = 1 << 16  # characters
 LONGEST_LIST = 400  # of names that are shown
 LONGEST_TEXT = 40  # characters shown of what is wrong
@@ -21,20 +23,26 @@ LONGEST_REASON = 300  # characters shown of what a library says
 
 
 class TextFile:
-    """Lines of a text file, without empty lines at the end.
+    """Lines of a text file in UTF-8, UTF-16 or Latin-1, without empty lines at the end.
 
-    Errors are raised as `fault`; the message is one line and begins with the path.
+    Errors are raised as `fault`; the message is one line and begins with the path. remarks: what was assumed.
     """
 
     def __init__(self, path: Path, fault: type[ValueError]):
         self.path, self.fault = path, fault
         content = content_of(path, LARGEST_FILE, fault)
         manifest.require_unchanged(path, fault)
+        self.remarks: tuple[str, ...] = ()
+        encoding = "utf-16" if content[:2] in UTF16 else "utf-8-sig"
         try:
-            self.lines = content.decode("utf-8-sig").splitlines()
-        except UnicodeDecodeError as error:
-            line = content.count(b"\n", 0, error.start) + 1
-            raise self.wrong(line, "is not plain text (UTF-8)") from None
+            text = content.decode(encoding)
+        except UnicodeDecodeError:
+            text = content.decode("latin-1")
+            self.remarks = ("is not UTF-8; it was read as Latin-1",)
+        binary = CONTROL.search(text)
+        if binary:
+            raise self.wrong(text.count("\n", 0, binary.start()) + 1, "is not plain text")
+        self.lines = text.splitlines()
         while self.lines and not self.lines[-1].strip():
             self.lines.pop()
         if not self.lines:
@@ -42,7 +50,7 @@ class TextFile:
 
     def rows(self, first: int) -> list[int]:
         """Return the indices, from `first` on, of the lines that are neither empty nor only a comment."""
-        return [n for n in range(first, len(self.lines)) if self.lines[n].strip()[:1] not in ("", "#")]
+        return [n for n in range(first, len(self.lines)) if self.lines[n].strip()[:1] not in ("", "#", "%")]
 
     def wrong(self, line: int, what: str) -> ValueError:
         """Return an error that names a line of the file, counted from 1."""
@@ -53,8 +61,8 @@ class TextFile:
 class Table:
     """Table in a text file: rows are the lines of these indices, with `width` cells each.
 
-    delimiter: between cells, None: blanks. form: expected form of a row, for messages; by default messages show the
-    cell. gaps: cells may be empty or say NA, null and the like.
+    delimiter: between cells, None: blanks; decimal: mark of decimals. form: expected form of a row, for messages; by
+    default messages show the cell. gaps: cells may be empty or say NA, null and the like.
     """
 
     file: TextFile
@@ -63,6 +71,7 @@ class Table:
     delimiter: str | None = ","
     form: str = ""
     gaps: bool = False
+    decimal: str = "."
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -85,7 +94,7 @@ class Table:
         if delimiter is None:
             lines, delimiter = [" ".join(line.split()) for line in lines], " "
         names = [str(n) for n in range(self.width)]
-        convert = pa.csv.ConvertOptions(strings_can_be_null=self.gaps)
+        convert = pa.csv.ConvertOptions(strings_can_be_null=self.gaps, decimal_point=self.decimal)
         convert.include_columns = [names[n] for n in columns]
         convert.column_types = dict.fromkeys(convert.include_columns, pa.type_for_alias(kind))
         if not self.gaps:

@@ -1,17 +1,15 @@
 """Reader of imported air flow (CFD) as a table of points, one per line, in any order, each with its velocity.
 
-Accepted forms, recognised by the content:
-
-    CSV         the first line names the columns, in any order: ParaView's "U:0", "Points:0" or U_0, Points_0 (as in
-                GADEN's wind_at_cell_centers_N.csv), Fluent's x-velocity, x-coordinate, or plain x, y, z, u, v, w
-    OpenFOAM    sampled sets in `raw` format: columns between blanks, named in a comment, # x y z Ux Uy Uz, or six
-                columns in this order without a comment
-
-Units are m and m/s; `nut` [m²/s] is the eddy viscosity. Other columns are ignored. Files of a 2-D flow may leave out z
-and w.
+Accepted are tables with the names of columns of ParaView ("U:0", "Points:0" or "Coordinates:0", or U_0, Points_0 as in
+GADEN's wind_at_cell_centers_N.csv), Fluent (x-velocity, x-coordinate), STAR-CCM+ ("Velocity[i] (m/s)", "X (m)"),
+CFD-Post ("Velocity u [ m s^-1 ]"), COMSOL (% x y z u (m/s)) or plain x, y, z, u, v, w; and OpenFOAM's sampled sets in
+`raw` format, # x y z Ux Uy Uz, or six columns in this order without a comment. Units in the header count, otherwise
+they are m and m/s; `nut` [m²/s] is the eddy viscosity. Other columns are ignored. Files of a 2-D flow may leave out z
+and w. Points whose velocity is missing are left out.
 """
 
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from glob import escape, glob
 from itertools import pairwise
@@ -20,12 +18,17 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.files.tables import LONGEST_TEXT, Table, TextFile, cells_of, delimiter_of, is_number, listed
+from taichi_plume.files.named_columns import Column, read_columns
+from taichi_plume.files.tables import TextFile
 from taichi_plume.guard.safe_open import unopenable
 
-PLACES = ("points:{n}", "points_{n}", "points_{a}", "{a}", "c{a}", "c:{n}", "c_{n}", "{a}-coordinate")
-SPEEDS = ("u:{n}", "u_{n}", "u{a}", "u_{a}", "{u}", "velocity:{n}", "velocity_{n}", "velocity_{a}",
-          "{a}-velocity", "umean:{n}", "umean_{n}", "umean_{a}")  # fmt: skip
+PLACES = ("points:{n}", "points_{n}", "points_{a}", "{a}", "coordinates:{n}", "coordinates_{n}", "coordinates_{a}",
+          "c{a}", "c:{n}", "c_{n}", "{a}-coordinate", "{a} coordinate", "{a}_coordinate", "centroid[{a}]",
+          "position[{a}]", "pos_{a}")  # fmt: skip
+SPEEDS = ("u:{n}", "u_{n}", "u{a}", "u_{a}", "{u}", "velocity:{n}", "velocity_{n}", "velocity_{a}", "velocity_{u}",
+          "velocity[{i}]", "velocity[{a}]", "velocity {u}", "velocity {a}", "velocity.{u}", "{a}-velocity",
+          "{a} velocity", "{a}_velocity", "v{a}", "umean:{n}", "umean_{n}", "umean_{a}",
+          "velocity field, {a}-component", "velocity field, {a} component")  # fmt: skip
 EDDIES = ("nut",)
 FARTHEST = 1e8  # m: room for coordinates of the Earth
 FASTEST = 340.0  # m/s: a larger value usually means "no value"
@@ -40,12 +43,17 @@ class WindFileError(ValueError):
 
 @dataclass(frozen=True)
 class Points:
-    """Wind at points: place [m] and velocity [m/s], (n, 2 or 3), and eddy viscosity [m²/s], (n,) or None."""
+    """Wind at points: place [m] and velocity [m/s], (n, 2 or 3), and eddy viscosity [m²/s], (n,) or None.
+
+    box: lower and upper corner of the flow [m], if the file states it; remarks: what was assumed.
+    """
 
     path: Path
     place: np.ndarray
     velocity: np.ndarray
     eddy_viscosity: np.ndarray | None
+    box: tuple[np.ndarray, np.ndarray] | None = None
+    remarks: tuple[str, ...] = ()
 
     @property
     def kind(self) -> tuple[int, bool]:
@@ -96,67 +104,39 @@ def find(folder: Path, pattern: str, interval: float) -> list[tuple[float, Path]
     return [(n * interval, files[key]) for n, key in enumerate(numbers)]
 
 
-def read(path: Path) -> Points:
-    """Return positions, velocities and any eddy viscosity from a table of points. Raises WindFileError."""
-    file = TextFile(path, WindFileError)
-    lines = file.lines
-    names, first, delimiter = _header(lines, (file.rows(0) or [len(lines)])[0])
-    if names is None:
-        if first == len(lines) or delimiter or len(lines[first].split()) != 6:
-            raise file.wrong(first + 1, "is no header that names the columns, such as x,y,z,u,v,w")
-        names = ["x", "y", "z", "u", "v", "w"]
-    columns = [_column(names, forms, n) for forms in (PLACES, SPEEDS) for n in range(3)]
-    flat = columns[2] is None and columns[5] is None
-    needed = zip("xyzuvw", columns, strict=True)
-    missing = ", ".join(what for what, column in needed if column is None and not (flat and what in "zw"))
-    if missing:
-        hint = 'call them x, y, z, u, v, w or "Points:0", "U:0" and so on'
-        raise file.wrong(first, f"names no column for {missing}, only {listed(names)}; {hint}")
-    taken = [column for column in [*columns, _column(names, EDDIES, 0)] if column is not None]
-    rows = file.rows(first)
-    if not rows:
-        raise WindFileError(f"{path}: has no points")
-    width = max(1 + max(taken), len(cells_of(lines[rows[0]], delimiter)))  # some headers end with a comma
-    table = Table(file, rows, width, delimiter)
-    values = table.numbers(*taken)
-    dim = 2 if flat else 3
-    table.refuse(~np.isfinite(values).all(axis=1), lambda _: "not all of its values are finite")
-    far = np.abs(values[:, :dim]).max(axis=1)
-    table.refuse(far > FARTHEST, lambda row: f"{far[row]:.3g} m is too far; at most {FARTHEST:g} m")
-    speed = np.abs(values[:, dim : 2 * dim]).max(axis=1)
-    table.refuse(speed >= FASTEST, lambda row: f"{speed[row]:.3g} m/s is too fast; leave the point out")
-    if len(values) < 2**dim:
-        raise WindFileError(f"{path}: has {len(values)} points, too few")
-    eddies = np.maximum(values[:, 2 * dim], 0.0) if len(taken) > 2 * dim else None
-    return Points(path, values[:, :dim], values[:, dim : 2 * dim], eddies)
+def read(path: Path, given: Mapping[str, str] | None = None, missing: Sequence[float] = ()) -> Points:
+    """Return positions, velocities and any eddy viscosity from a table of points.
 
-
-def _header(lines: list[str], first: int) -> tuple[list[str] | None, int, str | None]:
-    """Return column names (None without a header), index of the first row, and delimiter (None for blanks).
-
-    first: index of the first line that is no comment.
+    given: names of columns for x, y, z, u, v, w and nut; missing: numbers that mean none, see `read_columns`. Raises
+    WindFileError.
     """
-    sample = lines[first] if first < len(lines) else ""
-    delimiter = delimiter_of(sample)
-    words = [_plain(word) for word in cells_of(sample, delimiter)]
-    if not any(is_number(word) for word in words):
-        return words, first + 1, delimiter
-    for line in reversed(lines[:first]):
-        words = [_plain(word) for word in cells_of(line.lstrip("# "), delimiter_of(line))]
-        if _column(words, PLACES, 0) is not None:
-            return words, first, delimiter
-    return None, first, delimiter
+    file = TextFile(path, WindFileError)
+    named = read_columns(file, COLUMNS, given, missing, "xyzuvw", gaps=True)
+    values, table = named.values, named.table
+    flat = not {"z", "w"} & values.keys()
+    axes, speeds = ("xy", "uv") if flat else ("xyz", "uvw")
+    lacks = [key for key in (*axes, *speeds) if key not in values]
+    if lacks:
+        raise WindFileError(f"{path}: has no column {', '.join(lacks)}; it has one for {', '.join(values)}")
+    place, velocity = (np.stack([values[key] for key in keys], axis=-1) for keys in (axes, speeds))
+    table.refuse(~np.isfinite(place).all(axis=1), lambda _: "its position is no finite number")
+    known = np.isfinite(velocity).all(axis=1)
+    far, speed = np.abs(place).max(axis=1, initial=0.0), np.abs(velocity).max(axis=1, initial=0.0)
+    table.refuse(far > FARTHEST, lambda row: f"{far[row]:.3g} m is too far; at most {FARTHEST:g} m")
+    table.refuse(speed >= FASTEST, lambda row: f"{speed[row]:.3g} m/s is too fast; leave the point out")
+    if known.sum() < 2 ** len(axes):
+        raise WindFileError(f"{path}: has {known.sum()} points with a velocity, too few")
+    remarks = named.remarks
+    if not known.all():
+        remarks += (f"{len(known) - known.sum()} of {len(known)} points have no velocity, and are left out",)
+    eddies = np.maximum(np.nan_to_num(values["nut"][known]), 0.0) if "nut" in values else None
+    return Points(path, place[known], velocity[known], eddies, remarks=remarks)
 
 
-def _plain(name: str) -> str:
-    """Return a column's name in lower case, without quotation marks and unit."""
-    return re.sub(r"\s*[\[(][^\])]*[a-z][^\])]*[\])]$", "", name.strip("' ").lower()[:LONGEST_TEXT])
-
-
-def _column(names: list[str], forms: tuple[str, ...], n: int) -> int | None:
-    """Return the index of the first column whose name has one of these forms for axis n; None if there is none."""
-    for form in forms:
-        name = form.format(n=n, a="xyz"[n], u="uvw"[n])
-        if name in names:
-            return names.index(name)
-    return None
+COLUMNS = {
+    key: Column(
+        tuple(form.format(n=n, a="xyz"[n], u="uvw"[n], i="ijk"[n]) for form in forms), unit, is_needed=n < 2
+    )
+    for forms, keys, unit in ((PLACES, "xyz", "m"), (SPEEDS, "uvw", "m/s"))
+    for n, key in enumerate(keys)
+} | {"nut": Column(EDDIES, "m^2/s", is_needed=False)}

@@ -44,28 +44,21 @@ def lattice_of(place: np.ndarray) -> tuple[list[np.ndarray], np.ndarray] | None:
 class Interpolation:
     """Linear interpolation from points (n, k) [m] to a lattice. Axes along which all points coincide do not count.
 
-    low, high: corners of the box of the points, half a spacing beyond the outermost; slack: tolerance of that box [m],
-    as the box of scattered points is uncertain.
+    positions: of all points; used: axes that count; lattice: axes of the lattice that the points fill, or None; apart:
+    distance of each scattered point to the next one [m].
     """
 
     def __init__(self, place: np.ndarray):
         extent = np.ptp(place, axis=0)
-        self.used = np.flatnonzero(extent > SAME * extent.max())
+        self.positions, self.used = place, np.flatnonzero(extent > SAME * extent.max())
         self.place = place[:, self.used]
         lattice = lattice_of(self.place)
-        self.low, self.high = place.min(axis=0), place.max(axis=0)
+        self.lattice, self.apart = None, np.zeros(0)
         if lattice is None:
             self.tree = cKDTree(self.place)
-            apart = self.tree.query(self.place, k=2)[0][:, 1]
-            self.lattice = None
-            self.slack = float(apart.max()) / 2
-            self.low[self.used] -= np.median(apart) / 2
-            self.high[self.used] += np.median(apart) / 2
+            self.apart = self.tree.query(self.place, k=2)[0][:, 1]
         else:
             self.lattice, self.order = lattice
-            self.slack = 0.0
-            self.low[self.used] -= [(axis[1] - axis[0]) / 2 for axis in self.lattice]
-            self.high[self.used] += [(axis[-1] - axis[-2]) / 2 for axis in self.lattice]
 
     def onto(self, axes: Axes) -> Callable[[np.ndarray], np.ndarray]:
         """Return a function from values at the points (n,) to values on the lattice `axes`, one dimension per axis."""

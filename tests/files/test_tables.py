@@ -46,7 +46,7 @@ def test_texts_and_no_rows(tmp_path):
         ('1,2,3\n4,5,"6\n7,8,9\n', "line 2: '6' is no number"),
         ("1,2,3\n" * 300_000 + "4,5\n", "line 300001: has 2 columns"),
         ("1,2,3\n" * 300_000 + "4,5,q\n" + "1,2,3\n" * 9, "line 300001: 'q' is no number"),
-        (b"1,2,3\n4,\xb5,6\n", "line 2: is not plain text"),
+        (b"1,2,3\n4,\x00,6\n", "line 2: is not plain text"),
         (" \n\n", "is empty"),
     ],
 )  # fmt: skip
