@@ -215,7 +215,7 @@ def _movie(resources: Resources, path: str, model: MovieGas, folder: Path) -> No
         movie = Movie(folder / model.file, model, resources.scenario.domain)
         for n in {0, len(movie.times) - 1}:
             movie.picture(n)
-        resources.movies[path] = movie
+        resources.movies[path], resources.facts[path] = movie, movie.facts()
 
 
 def _site(resources: Resources, path: str, model: ImportedWind, folder: Path) -> None:

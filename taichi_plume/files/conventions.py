@@ -7,6 +7,7 @@ CF conventions 1.11: `units`, `scale_factor`, `add_offset`, `_FillValue`, `missi
 """
 
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -140,28 +141,51 @@ def is_missing(values: np.ndarray, others: Sequence[float] = ()) -> np.ndarray:
     return ~np.isfinite(values) | np.isin(values, [*SENTINELS, *others])
 
 
-def unpacked(values: np.ndarray, attributes: Mapping[str, Any]) -> np.ndarray:
-    """Return an array's values as floats by CF's packing: NaN where missing, times scale_factor, plus add_offset.
+PACKING = ("scale_factor", "add_offset", "_FillValue", "missing_value", "_Unsigned")
 
-    attributes: of the array. Raises ConventionError if these are no numbers.
+
+def unpacked(values: np.ndarray, attributes: Mapping[str, Any]) -> np.ndarray:
+    """Return an array's values as floats, unpacked by its attributes as CF says; missing values are NaN.
+
+    Raises ConventionError if the attributes are no numbers.
     """
-    packing = {}
-    for name in ("scale_factor", "add_offset", "_FillValue", "missing_value"):
+    known = {name: attributes[name] for name in PACKING if name in attributes}
+    result = np.asarray(values)
+    limits = _limits(attributes)
+    outside = (result < limits[0]) | (result > limits[1]) if limits else None
+    if known:
+        import xarray
+
+        variable = xarray.Variable([f"d{n}" for n in range(result.ndim)], result, known)
         try:
-            packing[name] = np.ravel(attributes.get(name, ())).astype(float)
-        except (TypeError, ValueError):
-            raise ConventionError(f"its attribute {name} is no number") from None
-    result = np.array(values, dtype=float)
-    stored = result.astype(values.dtype) if values.dtype.kind == "f" else values
-    for name in ("_FillValue", "missing_value"):
-        for value in packing[name]:
-            result[stored == np.asarray(value).astype(stored.dtype)] = np.nan
-    scale, offset = (packing[name] for name in ("scale_factor", "add_offset"))
-    if len(scale):
-        result *= scale[0]
-    if len(offset):
-        result += offset[0]
-    return result
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of several values that mean none
+                coded = xarray.conventions.decode_cf_variable("array", variable, decode_times=False)
+            result = np.asarray(coded.values)
+        except (TypeError, ValueError) as error:
+            raise ConventionError(f"its packing ({', '.join(known)}) cannot be read: {error}") from None
+    result = result.astype(float)
+    return result if outside is None else np.where(outside, np.nan, result)
+
+
+def _limits(attributes: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Return the smallest and largest valid stored value, by valid_range or valid_min and valid_max; else None."""
+    try:
+        low, high = np.ravel(attributes.get("valid_range", (-np.inf, np.inf))).astype(float)
+        low = float(np.ravel(attributes.get("valid_min", low))[0])
+        high = float(np.ravel(attributes.get("valid_max", high))[0])
+    except (TypeError, ValueError):
+        raise ConventionError("its valid_range, valid_min or valid_max are no numbers") from None
+    return None if (low, high) == (-np.inf, np.inf) else (low, high)
+
+
+def stated_unit(attributes: Mapping[str, Any], of: Sequence[str]) -> str:
+    """Return the unit in an attribute whose name has "unit" and one of these words, such as spatial_unit; else ""."""
+    for name, value in attributes.items():
+        plain = name.lower()
+        if "unit" in plain and any(word in plain for word in of) and isinstance(value, str):
+            return value.strip()
+    return ""
 
 
 # ---------------------------------------------------------------- axes

@@ -1,79 +1,219 @@
-"""Plume movies from other sources: gas concentrations over (time, y, x), read frame by frame.
+"""Plume movies from other sources: gas concentrations over time, y and x, read frame by frame.
 
-A Zarr array, or a group with one (plume-nav-sim: `concentration`, attributes fps, pixel_to_grid in metres per pixel
-and origin (y, x) of the array or its group), a .npy file, or an HDF5 file (attributes likewise).
+The array (see `stored_arrays`) states what it can: names and coordinates of its axes, with their order and direction,
+units, packing and missing values by the CF conventions, and plume-nav-sim's attributes fps, pixel_to_grid and origin
+(y, x) of the array or its group, in metres or the unit of an attribute such as spatial_unit. Keys of the scenario say
+the rest.
 """
 
-import itertools
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
-from taichi_plume.files.bounded_codecs import unpack
+from taichi_plume.files.conventions import (
+    ConventionError,
+    FileFacts,
+    in_si,
+    is_missing,
+    role_of,
+    span,
+    stated_unit,
+    times_of,
+    unpacked,
+    when,
+)
 from taichi_plume.files.film import FilmError
-from taichi_plume.files.zarr_groups import FAULTS, LARGEST_CHUNK, MOST_CHUNKS, Group, GroupError, errors_as
-from taichi_plume.guard.safe_open import open_regular, unopenable
+from taichi_plume.files.stored_arrays import ArrayFileError, StoredArray, open_array, require_declared_size
+from taichi_plume.files.zarr_groups import LARGEST_CHUNK, MOST_CHUNKS, errors_as
 from taichi_plume.guard.terminal import visible
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.playback import MovieGas
+from taichi_plume.scenario.quantities import conversion
 
-Pixels = Any
-"""An array of zarr, h5py or NumPy over (time, y, x)."""
 NAMES = ("concentration", "plume")  # default names of the variable, of plume-nav-sim and FlyGym
-NPY, HDF5 = b"\x93NUMPY", b"\x89HDF\r\n\x1a\n"
-HDF5_FILTERS = {1, 2, 3}  # HDF5 filters: gzip (deflate), shuffle, fletcher32
+AXES, MATLAB_AXES = ("time", "y", "x"), ("y", "x", "time")
+LENGTHS = ("spatial", "length", "space", "pixel", "grid", "distance")  # in names of attributes of a unit
+RATES = ("fps", "frame_rate")
 MOST_PIXELS = 100_000_000  # of a frame
 MOST_FRAMES = 10_000_000
 LARGEST = 1e12  # of a value: far beyond 1e6 ppm in any unit, and sums stay finite
-CODECS = frozenset(
-    {
-        *("blosc", "zstd", "zlib", "gzip", "lz4", "shuffle"),
-        *("crc32", "crc32c", "adler32", "fletcher32"),
-        *("bytes", "transpose", "sharding_indexed"),
-    }
-)
-"""Codecs of Zarr 2 and 3 whose decoded size is bounded. Pickle, for example, would execute code in the file."""
+REGULAR = 0.01  # pixels or frames: tolerance of equal spacing
+GENERIC = re.compile(r"(phony_)?dim_?\d+", re.IGNORECASE)  # names of axes that say nothing
+LOOKED_AT = 25  # frames, spread over the movie, of which facts are told
 
 
 class Movie:
     """Plume movie on disk: times [s] of the frames, origin (x, y) [m], pixel edge [m], size (x, y) [m].
 
     Pixels are squares of constant value, 0 beyond the picture. A cell of the domain has the mean over its area: the
-    sum over cells equals the sum over the part of the picture in the domain, whether cells or pixels are larger.
-    Raises FilmError, in a line, if the file is no movie or lacks a number that the scenario leaves out.
+    sum over cells equals the sum over the part of the picture in the domain, whether cells or pixels are larger. Noise
+    below 0 and missing pixels count as 0. Raises FilmError, in a line, if the file is no movie or lacks a number that
+    the scenario leaves out.
     """
 
     def __init__(self, path: Path, model: MovieGas, domain: Domain):
-        self.path, self.cells = path, domain.shape
+        self.path, self.cells, self.model, self.remarks = path, domain.shape, model, []
         with errors_as(FilmError, path, "cannot be read as a movie"):
-            self.array, known, chunks = _opened(path, model.variable)
-            shape, kind = tuple(self.array.shape), np.dtype(self.array.dtype)
-        if len(shape) != 3 or kind.kind not in "fiub":
+            try:
+                stored = open_array(path, model.variable, NAMES)
+            except ArrayFileError as error:
+                raise FilmError(str(error)) from None
+            self.stored, self.array = stored, stored.values
+            shape, kind = stored.shape, np.dtype(self.array.dtype)
+        if len(shape) < 3 or kind.kind not in "fiub":
             raise FilmError(f"{path}: has the shape {shape} of {kind}; wanted numbers over (time, y, x)")
-        if not min(shape) or shape[0] > MOST_FRAMES or shape[1] * shape[2] > MOST_PIXELS:
+        try:
+            usual = model.axes or (MATLAB_AXES if stored.form == "MATLAB" else AXES)
+            self.roles, self.is_named = stored.roles(usual[::-1] if stored.form == "MATLAB" else usual)
+        except ArrayFileError as error:
+            raise FilmError(f"{path}: {error}") from None
+        self.order = tuple(self.roles.index(role) for role in AXES)
+        self._read_axes(stored, model)
+        self.shape = tuple(shape[n] for n in self.order)
+        if not min(shape) or self.shape[0] > MOST_FRAMES or self.shape[1] * self.shape[2] > MOST_PIXELS:
             raise FilmError(
                 f"{path}: has the shape {shape}; allowed are 1 to {MOST_FRAMES} frames "
                 f"of 1 to {MOST_PIXELS} pixels"
             )
-        pieces = math.prod(-(-size // chunk) for size, chunk in zip(shape[1:], chunks[1:], strict=True))
+        pieces = math.prod(-(-shape[n] // stored.chunks[n]) for n in self.order[1:])
         if pieces > MOST_CHUNKS:
             raise FilmError(f"{path}: has {pieces} chunks in a frame; at most {MOST_CHUNKS}")
-        if np.prod(chunks, dtype=float) * kind.itemsize > LARGEST_CHUNK:
-            raise FilmError(f"{path}: has chunks of {chunks}, over {LARGEST_CHUNK >> 30} GiB; use smaller")
-        self.shape = shape
-        rate = model.frame_rate or self._positive(known, "fps", "frame_rate")
-        self.pixel = model.pixel or self._positive(known, "pixel_to_grid", "pixel")
-        self.origin = model.origin or self._corner(known.get("origin"))
-        self.size = (shape[2] * self.pixel, shape[1] * self.pixel)
-        self.times = np.arange(shape[0]) / rate
-        self.down = model.rows == "down"
+        if np.prod(stored.chunks, dtype=float) * kind.itemsize > LARGEST_CHUNK:
+            raise FilmError(
+                f"{path}: has chunks of {stored.chunks}, over {LARGEST_CHUNK >> 30} GiB; use smaller"
+            )
+        self.size = (self.shape[2] * self.pixel, self.shape[1] * self.pixel)
+        self.factor = self._factor()
         self.edges = [
             (np.arange(n + 1) * domain.spacing - low) / self.pixel
             for n, low in zip(self.cells[:2], self.origin, strict=True)
         ]
+
+    def _read_axes(self, stored: StoredArray, model: MovieGas) -> None:
+        """Set times, pixel, origin and directions of axes by coordinates and attributes of the file and the keys."""
+        known = {**stored.of_file, **stored.attributes}
+        lengths = {name: self._coordinate(n) for name, n in zip("yx", self.order[1:], strict=True)}
+        steps = {name: _step(values) for name, values in lengths.items() if values is not None}
+        for name, step in steps.items():
+            if step is None:
+                raise FilmError(
+                    f"{self.path}: its {name} is not equally spaced, as pixels are; resample the file"
+                )
+        self.flipped = {
+            "x": steps.get("x", 1.0) < 0,
+            "y": steps["y"] < 0 if "y" in steps else model.rows == "down",
+        }
+        unit = stated_unit(known, LENGTHS)
+        edges = {abs(step) for step in steps.values()}
+        if edges and max(edges) - min(edges) > REGULAR * max(edges):
+            raise FilmError(
+                f"{self.path}: its pixels are {max(edges):g} by {min(edges):g} m; resample to squares"
+            )
+        stated = next(iter(edges), None)
+        if stated is None and (model.pixel is None or "pixel_to_grid" in known):
+            pixel = (
+                None
+                if model.pixel and "pixel_to_grid" not in known
+                else self._number(known, "pixel_to_grid", "pixel")
+            )
+            stated = None if pixel is None else self._length(pixel, unit, "pixel_to_grid")
+        self.pixel = self._chosen("pixel", model.pixel, stated, "m")
+        corner = [
+            lengths[name].min() - self.pixel / 2 if lengths[name] is not None else None for name in "xy"
+        ]
+        if None in corner:
+            corner = [self._length(value, unit, "origin") for value in self._corner(known.get("origin"))]
+        self.origin = model.origin or (float(corner[0]), float(corner[1]))
+        self.times = self._times(known, model)
+
+    def _times(self, known: Mapping[str, Any], model: MovieGas) -> np.ndarray:
+        """Return the times of the frames since the first [s], and set their date."""
+        count, n = self.stored.shape[self.order[0]], self.order[0]
+        self.begin, stated = 0.0, None
+        values, about = self.stored.coordinates.get(self.stored.axes[n], (None, {}))
+        has_rate = model.frame_rate is not None or not {*RATES}.isdisjoint(known)
+        is_number = has_rate and not about.get("units") and np.array_equal(values, np.arange(count))
+        if values is not None and not is_number:
+            try:
+                times = times_of(values.astype(float), str(about.get("units", "")))
+            except ConventionError as error:
+                raise FilmError(f"{self.path}: its time: {error}; give frame_rate") from None
+            if len(times) != count or not np.isfinite(times).all() or (np.diff(times) <= 0).any():
+                raise FilmError(f"{self.path}: its times are not {count} ascending numbers")
+            self.begin, stated = float(times[0]), times - times[0]
+        if stated is None and count > 1 and (model.frame_rate is None or not {*RATES}.isdisjoint(known)):
+            name = next((name for name in RATES if name in known), RATES[0])
+            stated = np.arange(count) / self._number(known, name, "frame_rate")
+        if model.frame_rate is None:
+            return np.zeros(1) if stated is None else stated
+        times = np.arange(count) / model.frame_rate
+        if stated is not None and np.abs(times - stated).max() > REGULAR * times[1]:
+            self.remarks.append(
+                f"frame_rate: {model.frame_rate:g} frames per second, but the file has its frames "
+                f"{np.diff(stated).mean():.4g} s apart; the key counts"
+            )
+        return times
+
+    def _chosen(self, key: str, given: float | None, stated: float | None, unit: str) -> float:
+        """Return the value of a key, or that which the file states; a remark says if they differ."""
+        if given is not None and stated is not None and abs(given - stated) > REGULAR * stated:
+            self.remarks.append(
+                f"{key}: {given:g} {unit}, but the file states {stated:g} {unit}; the key counts"
+            )
+        value = stated if given is None else given
+        assert value is not None
+        return value
+
+    def _coordinate(self, n: int) -> np.ndarray | None:
+        """Return the coordinates along axis n of the array [m]; None if the file has none that is a length."""
+        values, about = self.stored.coordinates.get(self.stored.axes[n], (None, {}))
+        unit = str(about.get("units", "")) or stated_unit(self.stored.of_file, LENGTHS)
+        if values is None or len(values) != self.stored.shape[n] or len(values) < 2:
+            return None
+        if not about.get("units") and np.array_equal(values, np.arange(len(values))) and self._has_pixel():
+            return None  # numbers of pixels
+        return self._length(np.asarray(values, float), unit, f"axis {self.stored.axes[n]}")
+
+    def _has_pixel(self) -> bool:
+        known = {**self.stored.of_file, **self.stored.attributes}
+        return self.model.pixel is not None or "pixel_to_grid" in known
+
+    def _length(self, value: Any, unit: str, what: str) -> Any:
+        try:
+            return in_si(value, unit, "m")
+        except ConventionError as error:
+            raise FilmError(f"{self.path}: its {what}: {error}") from None
+
+    def _factor(self) -> float:
+        """Return the factor from the file's values to the unit of the key ppm_per_unit, by the unit that it states."""
+        unit = str(self.stored.attributes.get("units", "")).strip()
+        per_unit = self.model.ppm_per_unit or 1.0
+        name = str(self.stored.attributes.get("standard_name", ""))
+        is_share = unit in ("1", "") and ("mole_fraction" in name or "volume_fraction" in name)
+        self.unit = "1" if is_share else unit
+        if not self.unit or (self.unit == "1" and not is_share):
+            return 1.0
+        try:
+            stated = conversion(self.unit, "ppm")[0]
+        except ValueError:
+            try:
+                stated = conversion(self.unit, "kg/m^3")[0] * self.model.vapour.ppm_per_density
+            except ValueError:
+                self.remarks.append(
+                    f"its unit '{visible(unit, 40)}' is no concentration; ppm_per_unit counts"
+                )
+                self.unit = ""
+                return 1.0
+        if self.model.ppm_per_unit and abs(per_unit - stated) > 1e-6 * stated:
+            self.remarks.append(
+                f"ppm_per_unit: {per_unit:g}, but the file states '{visible(unit, 40)}', which is {stated:.4g} ppm; "
+                "the file counts"
+            )
+        return stated / per_unit
 
     def gas_of(self, species: object) -> str:
         return "concentration"
@@ -83,7 +223,7 @@ class Movie:
         return np.ones(self.cells)
 
     def frame(self, n: int, names: list[str]) -> dict[str, np.ndarray]:
-        """Return frame n as means over the domain's cells, in the file's unit, axes (x, y, z), constant in height."""
+        """Return frame n as means over the domain's cells, in the unit of ppm_per_unit, constant in height."""
         values = self.picture(n)
         for axis, edges in enumerate(self.edges):
             values = means(values, edges, axis)
@@ -92,19 +232,67 @@ class Movie:
         return dict.fromkeys(names, values)
 
     def picture(self, n: int) -> np.ndarray:
-        """Return the movie's pixels in frame n, axes (x, y), y upwards, in the file's unit. Raises FilmError."""
-        with errors_as(FilmError, self.path, f"frame {n} cannot be read"):
-            _require_declared_size(self.array, n)
-            picture = np.asarray(self.array[n], dtype=np.float64)
-        if not np.isfinite(picture).all():
-            raise FilmError(f"{self.path}: frame {n}: not all values are finite numbers")
-        low, high = float(picture.min()), float(picture.max())
-        if low < 0 or high > LARGEST:
-            wrong = low if low < 0 else high
-            raise FilmError(f"{self.path}: frame {n}: holds {wrong:g}; must be within 0 and {LARGEST:g}")
-        return (picture[::-1] if self.down else picture).T
+        """Return the movie's pixels in frame n, axes (x, y), both ascending, 0 or more. Raises FilmError."""
+        return np.maximum(np.nan_to_num(self._values(n)), 0.0)
 
-    def _positive(self, known: Mapping[str, Any], name: str, key: str) -> float:
+    def _values(self, n: int) -> np.ndarray:
+        """Return the pixels of frame n, axes (x, y), both ascending, as the file has them; NaN where missing."""
+        time, y, x = self.order
+        with errors_as(FilmError, self.path, f"frame {n} cannot be read"):
+            require_declared_size(self.array, time, n)
+            at: list[Any] = [slice(None) if role else 0 for role in self.roles]
+            at[time] = n
+            picture = np.asarray(self.array[tuple(at)])
+            try:
+                values = unpacked(picture, self.stored.attributes)
+                values = np.where(is_missing(values) & ~np.isinf(values), np.nan, values) * self.factor
+            except ConventionError as error:
+                raise FilmError(f"{self.path}: {error}") from None
+        if np.isinf(values).any() or np.nanmax(np.abs(values), initial=0.0) > LARGEST:
+            raise FilmError(
+                f"{self.path}: frame {n}: holds values beyond {LARGEST:g}, which is no concentration"
+            )
+        values = values if x < y else values.T
+        return values[:: -1 if self.flipped["x"] else 1, :: -1 if self.flipped["y"] else 1]
+
+    def facts(self) -> FileFacts:
+        """Return what was read: times, place, axes, values and missing pixels of some frames, and what was assumed."""
+        count = self.shape[0]
+        looked = np.unique(np.linspace(0, count - 1, min(count, LOOKED_AT)).round().astype(int))
+        frames = [self._values(int(n)) for n in looked]
+        per_unit = self.model.ppm_per_unit or 1.0
+        low, high = (
+            per_unit * pick([pick(frame, initial=0.0) for frame in frames]) for pick in (np.nanmin, np.nanmax)
+        )
+        missing = sum(int(np.isnan(frame).sum()) for frame in frames)
+        (x, y), (width, height) = self.origin, self.size
+        named = ", ".join(name or "?" for name in self.stored.axes)
+        axes = (
+            f"axes {named} of the file"
+            if self.is_named
+            else f"axes assumed: {', '.join(self.model.axes or AXES)}"
+        )
+        direction = "descending" if self.flipped["y"] else "ascending"
+        some = "" if len(looked) == count else f" in {len(looked)} of the frames"
+        text = [
+            f"{self.stored.form}, {count} frames, {when(self.begin + self.times)}",
+            f"{high:.4g} ppm at most{some}" + ("" if self.unit else f" (assumed: {per_unit:g} ppm per unit)"),
+            span("x", x, x + width),
+            f"{span('y', y, y + height)} {direction}",
+            axes,
+            f"{missing} pixels missing" if missing else "none missing",
+        ]
+        remarks = list(self.remarks)
+        for name, role in zip(self.stored.axes, self.roles, strict=True):
+            if name and role_of(name) is None and not GENERIC.fullmatch(name) and not self.is_named:
+                remarks.append(f"its axis '{visible(name, 40)}' counts as {role}")
+        if low < 0:
+            remarks.append(f"values down to {low:.4g} ppm, of {high:.4g} at most, count as 0")
+        if missing:
+            remarks.append(f"{missing} missing pixels{some} count as 0")
+        return FileFacts(", ".join(text), tuple(remarks))
+
+    def _number(self, known: Mapping[str, Any], name: str, key: str) -> float:
         """Return attribute `name` as a positive float; several values must be equal. key: scenario key, for errors."""
         if name not in known:
             raise FilmError(f"{self.path}: has no attribute '{name}'; give {key}")
@@ -132,6 +320,14 @@ class Movie:
         return x, y
 
 
+def _step(values: np.ndarray) -> float | None:
+    """Return the step of equally spaced coordinates, negative if they descend; None if they are not."""
+    steps = np.diff(values)
+    mean = float(steps.mean())
+    regular = np.isfinite(steps).all() and mean != 0 and (np.abs(steps - mean) <= REGULAR * abs(mean)).all()
+    return mean if regular else None
+
+
 def means(values: np.ndarray, edges: np.ndarray, axis: int) -> np.ndarray:
     """Return means along an axis over intervals between `edges` [axis steps]; values outside count as zero."""
     values = np.moveaxis(values, axis, 0)
@@ -141,92 +337,3 @@ def means(values: np.ndarray, edges: np.ndarray, axis: int) -> np.ndarray:
     upto = total[whole] + (at - whole)[:, None] * values[whole]
     mean = np.diff(upto, axis=0) / np.diff(edges)[:, None]
     return np.moveaxis(np.maximum(mean, 0.0), 0, axis)  # rounding
-
-
-Opened = tuple[Pixels, dict[str, Any], tuple[int, ...]]
-"""An array that is not read yet, attributes, and the shape of a chunk; a frame of arrays without chunks."""
-
-
-def _opened(path: Path, variable: str | None) -> Opened:
-    """Open a movie file; return the unread array, attributes, chunk shape. Raises FilmError or read errors (FAULTS)."""
-    if path.is_dir():
-        return _zarr(path, variable)
-    try:
-        with open_regular(path) as file:
-            begin = file.read(8)
-    except OSError as error:
-        raise FilmError(f"{path}: {unopenable(path) or error.strerror or error}") from None
-    if begin.startswith(NPY):
-        _require_unnamed(path, variable)
-        array = np.lib.format.open_memmap(path, mode="r")
-        return array, {}, (1, *array.shape[1:])
-    if begin == HDF5:
-        return _hdf5(path, variable)
-    raise FilmError(f"{path}: is no movie; wanted a folder of Zarr, a .npy or an HDF5 file over (time, y, x)")
-
-
-def _require_unnamed(path: Path, variable: str | None) -> None:
-    if variable is not None:
-        raise FilmError(f"{path}: holds a single array, which has no name; remove variable")
-
-
-def _zarr(path: Path, variable: str | None) -> Opened:
-    try:
-        group = Group(path, formats=(2, 3), codecs=CODECS)
-    except GroupError as error:
-        raise FilmError(str(error)) from None
-    except FAULTS:
-        raise FilmError(f"{path}: is neither an array nor a group of Zarr that can be read") from None
-    if group.names == [""]:
-        _require_unnamed(path, variable)
-        name = ""
-    else:
-        name = _chosen(path, group.names, variable)
-    array = group[name]
-    return array, group.attributes | dict(array.attrs), array.chunks
-
-
-def _hdf5(path: Path, variable: str | None) -> Opened:
-    import h5py
-
-    file = h5py.File(path, "r")
-    own = [str(name) for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
-    names = sorted(name for name in own if isinstance(file[name], h5py.Dataset))
-    array = cast(Pixels, file[_chosen(path, names, variable)])
-    if array.is_virtual or array.external:
-        raise FilmError(f"{path}: {visible(array.name, 40)} lies in other files; copy it into one")
-    plan = array.id.get_create_plist()
-    filters = [plan.get_filter(n)[0] for n in range(plan.get_nfilters())]
-    if set(filters) - HDF5_FILTERS or filters.count(h5py.h5z.FILTER_DEFLATE) > 1:
-        raise FilmError(f"{path}: {visible(array.name, 40)} is packed; only gzip, once, and shuffle are read")
-    return array, dict(file.attrs) | dict(array.attrs), array.chunks or (1, *array.shape[1:])
-
-
-def _require_declared_size(array: Pixels, n: int) -> None:
-    """Raise ValueError if a gzip chunk of frame n in an HDF5 file unpacks to more than its declared size."""
-    import h5py
-
-    if not isinstance(array, h5py.Dataset) or array.compression != "gzip" or array.chunks is None:
-        return
-    t, *sizes = array.chunks
-    most = math.prod(array.chunks) * array.dtype.itemsize + 4  # fletcher32
-    starts = [range(0, length, size) for length, size in zip(array.shape[1:], sizes, strict=True)]
-    for y, x in itertools.product(*starts):
-        try:
-            skipped, packed = array.id.read_direct_chunk((n // t * t, y, x))
-        except (OSError, ValueError, RuntimeError):
-            continue  # not stored
-        if not skipped:  # no filter
-            unpack("zlib", packed, most)
-
-
-def _chosen(path: Path, names: list[str], variable: str | None) -> str:
-    """Return the variable to read among `names`: the given or the usual one. Raises FilmError if there is none."""
-    usual = [name for name in NAMES if name in names]
-    if variable is None and (usual or len(names) == 1):
-        return (usual or names)[0]
-    if variable in names:
-        return variable
-    held = f"its variables: {visible(', '.join(names[:10]), 200)}" if names else "it has no variable"
-    missing = f"no '{visible(variable, 40)}'" if variable else "neither 'concentration' nor 'plume'"
-    raise FilmError(f"{path}: has {missing}; {held}; give the name of one")

@@ -175,29 +175,33 @@ class MovieGas(OneGas, Played):
 
     kind: Literal["movie"]
     file: FileName
-    """Path of the movie, relative to the scenario's folder. It is a Zarr array or group, a .npy or an HDF5 file, with
-    the axes (time, y, x)."""
+    """Path of the movie, relative to the scenario's folder. It is a Zarr array or group, a NetCDF, HDF5, MATLAB 7.3
+    or .npy file. Units, packing, missing values and coordinates that the file states count."""
     variable: str | None = None
-    """Name of the variable in a group or an HDF5 file. Unless given it is `concentration`, else `plume`, else the only
-    one there is."""
+    """Name of the variable, with its groups as in plume/run_1. Unless given it is `concentration`, else `plume`, else
+    the only one there is."""
+    axes: tuple[Literal["time", "y", "x"], Literal["time", "y", "x"], Literal["time", "y", "x"]] | None = None
+    """Order of the array's axes, if the file does not name them. Unless given, it is time, y, x; in MATLAB's files, as
+    MATLAB shows it, y, x, time."""
     frame_rate: si.Frequency | None = None
-    """Frames per second; unless given, the file's attribute `fps`."""
+    """Frames per second; unless given, by the times of the file, or its attribute `fps`."""
     pixel: si.Length | None = None
-    """Width of a pixel; unless given, the file's attribute `pixel_to_grid`, in metres."""
+    """Width of a pixel; unless given, by the coordinates of the file, or its attribute `pixel_to_grid`."""
     origin: si.Point2 | None = None
-    """Position of the picture's lower left corner in the domain, x and y. Unless given, it is the file's attribute
-    `origin` (there y, x), else 0, 0."""
+    """Position of the picture's lower left corner in the domain, x and y. Unless given, it is that of the file's
+    coordinates, or its attribute `origin` (there y, x), else 0, 0."""
     rows: Literal["up", "down"] = "up"
-    """Order of the rows: up, from the lowest y on, or down, from the highest y on as in pictures."""
-    ppm_per_unit: si.FullScale = 1.0
-    """Concentration in ppm of the value 1 in the file."""
+    """Order of the rows, if the file has no coordinate y. Up is from the lowest y on, down from the highest y on as in
+    pictures."""
+    ppm_per_unit: si.FullScale | None = None
+    """Concentration in ppm of the value 1 in the file, if the file states no unit. Unless given, values are ppm."""
     sources: tuple[Target, ...] = ()
     """Places that robots search for, as a movie has no sources; they emit nothing, the plume is given."""
 
     @property
     def density_per_unit(self) -> float:
-        """Concentration [kg/m³] for the pixel value 1 of the movie's file."""
-        return self.ppm_per_unit / self.vapour.ppm_per_density
+        """Concentration [kg/m³] for the pixel value 1 of a movie, after conversion by the unit of its file."""
+        return (self.ppm_per_unit or 1.0) / self.vapour.ppm_per_density
 
     def file_errors(self, where: str, context: Context) -> Iterator[str]:
         movie, extent = context.resources.movies[where], context.domain.extent

@@ -1,6 +1,7 @@
 """Movies of plumes in the three layouts that there are, and files that are none."""
 
 import json
+import re
 import zlib
 from pathlib import Path
 from typing import Any
@@ -78,13 +79,31 @@ def test_other_names(tmp_path):
             movie(path, **keys)
 
 
-@pytest.mark.parametrize(("value", "said"), [(np.nan, "not all"), (np.inf, "not all"), (-1, "holds -1")])
-def test_frames_that_are_no_concentrations(tmp_path, value, said):
+@pytest.mark.parametrize(
+    ("value", "remark"),
+    [
+        (np.nan, "1 missing pixels count as 0"),
+        (-9999, "1 missing"),
+        (-0.25, r"down to -0.25 ppm, of .* count as 0"),
+    ],
+)
+def test_noise_and_missing_pixels_count_as_zero(tmp_path, value, remark):
+    values = PICTURES.astype("f4")
+    values[2, 1, 1] = value
+    one = movie(npy_of(tmp_path / "m.npy", values), frame_rate=1, pixel=1)
+    expected = PICTURES[2].T.astype(float)
+    expected[1, 1] = 0.0
+    np.testing.assert_allclose(one.picture(2), expected)
+    assert re.search(remark, one.facts().remarks[0])
+
+
+@pytest.mark.parametrize("value", [np.inf, 1e30])
+def test_frames_that_are_no_concentrations(tmp_path, value):
     values = PICTURES.astype("f4")
     values[2, 1, 1] = value
     one = movie(npy_of(tmp_path / "m.npy", values), frame_rate=1, pixel=1)
     one.picture(1)
-    with pytest.raises(FilmError, match=f"frame 2: {said}"):
+    with pytest.raises(FilmError, match=r"frame 2: holds values beyond 1e\+12"):
         one.picture(2)
 
 
@@ -106,7 +125,7 @@ def test_files_that_are_no_movies(tmp_path):
     assert movie(tmp_path / "array.zarr", **given).shape == PICTURES.shape
     cases.append((tmp_path / "array.zarr", named, "a single array, .* remove variable"))
     (tmp_path / "text.npy").write_text("0, 1, 2\n")
-    cases.append((tmp_path / "text.npy", given, "is no movie"))
+    cases.append((tmp_path / "text.npy", given, "is no array"))
     (tmp_path / "folder").mkdir()
     cases.append((tmp_path / "folder", given, "neither an array nor a group"))
     for make, name in ((npy_of, "cut.npy"), (hdf5_of, "cut.h5")):
