@@ -39,6 +39,8 @@ def maps(
     group: str | None = None,
     sources: Sequence[Sequence[Number]] | None = None,
     bag: Mapping[str, object] | BagOptions | None = None,
+    columns: Mapping[str, str] | None = None,
+    missing: Sequence[float] = (),
     out: str | Path | None = None,
     force: bool = False,
 ) -> GasMap:
@@ -49,6 +51,9 @@ def maps(
     size: edges of the floor along x and y [m]; origin: its lower corner, from which positions in the map count. trial,
     group: number and name, by default the first trial and all robots. sources: true positions [m], to score the peak.
     Of a run, size and sources are by default those of its scenario.
+
+    columns: names of a table's columns for t, x, y, reading and so on, with or without a unit: ``{"t": "stamp [ms]"}``;
+    missing: numbers that mean no reading, besides NaN, -999 and -9999.
 
     bag: how a ROS bag is read, by the keys gas, pose and wind (lists of topics), frame, sensor, units, model, air and
     upwind. out: folder for map.csv, map.png and scores.json; by default nothing is written. force: replace an earlier
@@ -89,7 +94,9 @@ def maps(
         raise ReadingsError("--size: is missing; give the edges of the floor along x and y [m]")
     file = readings if isinstance(readings, Path) else None
     with nullcontext() if out is None else map_folder(as_path(out, "out"), force, file) as folder:
-        log = read(readings, trial, group, options)
+        log = read(
+            readings, trial, group, options, columns, load_part(missing, "--missing", tuple[float, ...])
+        )
         log = replace(log, place=log.place - corner)
         try:
             gas_map = map_of(log, model, floor, np.array(places) - corner if places else None)

@@ -3,6 +3,7 @@
 import argparse
 import difflib
 import json
+import re
 import sys
 import textwrap
 from collections.abc import Callable, Sequence
@@ -77,6 +78,13 @@ def _options(end: str) -> _Parser:
     option(parser, "--group", str, "NAME", "group, in a bag a robot (default: all robots of the trial)")
     what = "a source [m], to score the peak; may be repeated (default: those of the run)"
     parser.add_argument("--source", **place, action="append", help=what)
+    of_tables = parser.add_argument_group("of tables")
+    what = (
+        "columns of the table: t=stamp [ms],x=px,y=py,reading=CO2 [ppb] (default: as the header names them)"
+    )
+    option(of_tables, "--columns", str, "KEY=NAME,...", what, action="append", default=[])
+    what = "number that means no reading, besides NaN, -999 and -9999; may be repeated"
+    option(of_tables, "--missing", float, "NUMBER", what, action="append", default=[])
     _of_bags(parser.add_argument_group("of bags"))
     return parser
 
@@ -97,6 +105,18 @@ def _of_bags(group: argparse._ArgumentGroup) -> None:
     what = "resistance in clean air (default: as in the messages)"
     option(group, "--air", _quantity(si.Resistance), "OHM", what)
     flag(group, "--upwind", "Anemometer messages give the direction that the wind comes from")
+
+
+def named_columns(texts: Sequence[str]) -> dict[str, str]:
+    """Return the names of columns by key from texts such as "t=stamp [ms],x=px". Raises InputError."""
+    known: dict[str, str] = {}
+    for text in texts:
+        for part in re.split(r",(?=\s*\w+=)", text):
+            key, mark, name = part.partition("=")
+            if not mark or not key.strip() or not name.strip() or key.strip() in known:
+                raise InputError(f"--columns: got '{part}'; give each key once, such as t=stamp,x=px")
+            known[key.strip()] = name.strip()
+    return known
 
 
 def bag_options(args: argparse.Namespace) -> BagOptions:

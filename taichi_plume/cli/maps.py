@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from taichi_plume.api.maps import maps
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.cli.map_options import arguments, bag_options
+from taichi_plume.cli.map_options import arguments, bag_options, named_columns
 from taichi_plume.guard.terminal import say
 from taichi_plume.results.recorded_maps import FILES
 from taichi_plume.scenario.maps import Map
@@ -31,7 +31,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _make(args: argparse.Namespace, model: Map) -> int:
     gas_map = maps(
         args.readings, model, size=args.size, origin=args.origin, trial=args.trial, group=args.group,
-        sources=args.source, bag=bag_options(args), out=args.out, force=args.force,
+        sources=args.source, bag=bag_options(args), columns=named_columns(args.columns), missing=args.missing,
+        out=args.out, force=args.force,
     )  # fmt: skip
-    say(*gas_map.readings.topics, *gas_map.lines, f"{args.out}: {', '.join(FILES)}")
+    facts = gas_map.readings.facts
+    say(*(f"note: {args.readings}: {remark}" for remark in facts.remarks), error=True)
+    say(
+        f"{args.readings}: {facts.text}",
+        *gas_map.readings.topics,
+        *gas_map.lines,
+        f"{args.out}: {', '.join(FILES)}",
+    )
     return 0

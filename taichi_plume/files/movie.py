@@ -266,13 +266,11 @@ class Movie:
         )
         missing = sum(int(np.isnan(frame).sum()) for frame in frames)
         (x, y), (width, height) = self.origin, self.size
-        named = ", ".join(name or "?" for name in self.stored.axes)
-        axes = (
-            f"axes {named} of the file"
-            if self.is_named
-            else f"axes assumed: {', '.join(self.model.axes or AXES)}"
-        )
+        order = ", ".join(role for role in self.roles if role)
+        axes = f"axes {order}" + ("" if self.is_named else " (assumed)")
         direction = "descending" if self.flipped["y"] else "ascending"
+        if self._coordinate(self.order[1]) is None and "rows" not in self.model.model_fields_set:
+            direction += " (assumed)"
         some = "" if len(looked) == count else f" in {len(looked)} of the frames"
         text = [
             f"{self.stored.form}, {count} frames, {when(self.begin + self.times)}",

@@ -223,13 +223,13 @@ def _first_row(file: TextFile) -> tuple[int, str | None]:
 
 
 def _numeric(line: str, mark: str | None) -> int:
-    """Return the number of cells of a line that are numbers, or 0 if less than a quarter of them are."""
+    """Return the number of cells of a line that are numbers, or 0 if few are: under a quarter, of blanks under half."""
     cells = cells_of(line, mark)
     is_number = (
         IS_NUMBER if mark == "," else re.compile(f"{IS_NUMBER.pattern}|{IS_COMMA_NUMBER.pattern}", re.I)
     )
     count = sum(bool(is_number.fullmatch(cell) or IS_TIME.fullmatch(cell)) for cell in cells)
-    return count if 4 * count >= len(cells) else 0
+    return count if (4 if mark else 2) * count > len(cells) - 1 else 0
 
 
 def _decimal(lines: Sequence[str], rows: Sequence[int], mark: str | None) -> str:
