@@ -204,6 +204,7 @@ def _points(
         file = folder / model.file if isinstance(model, PlumeSimLog) else None
         known = (frames for frames in resources.frames.values() if frames.path == file)
         resources.frames[path] = next(known, None) or frames_of(model, folder)
+        resources.facts[path] = resources.frames[path].facts
 
 
 def _movie(resources: Resources, path: str, model: MovieGas, folder: Path) -> None:

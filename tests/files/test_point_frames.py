@@ -161,6 +161,21 @@ def test_fluent_frames_are_numbered_files_in_percent_of_the_largest(folder):
     np.testing.assert_allclose(given_scale.percent, [5, 20])
 
 
+def test_titles_of_fluent_say_where_columns_stand_and_their_unit(tmp_path):
+    place, values = np.array([[100.0, 2000.0], [300.0, -50.0]]), [0.2, -0.01]
+    lines = [f"{n},{v},{y},0.5,{x}" for n, (v, (x, y)) in enumerate(zip(values, place, strict=True))]
+    titles = "nodenumber, c2h5oh, y-coordinate (mm), z-coordinate (mm), x-coordinate (mm)"
+    (tmp_path / "p1.txt").write_text("\n".join([titles, *lines, ""]))
+    frames = read_fluent(tmp_path / "p%d.txt", None, 1.0, 0.1, None)
+    np.testing.assert_allclose(frames.place, 1e-3 * place)
+    np.testing.assert_allclose(frames.percent, [100.0, 0.0])
+    assert "lengths in mm" in frames.facts.text
+    assert frames.facts.remarks == ("1 concentrations below 0 count as 0",)
+    (tmp_path / "p1.txt").write_text(titles.replace("mm", "s") + "\n1,2,3,4,5\n")
+    with pytest.raises(PointFileError, match="line 1: .*'s' is no unit that converts to m"):
+        read_fluent(tmp_path / "p%d.txt", None, 1.0, 0.1, None)
+
+
 @pytest.mark.parametrize(
     ("keys", "fault"),
     [
