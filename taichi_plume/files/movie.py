@@ -56,7 +56,8 @@ class Movie:
     """
 
     def __init__(self, path: Path, model: MovieGas, domain: Domain):
-        self.path, self.cells, self.model, self.remarks = path, domain.shape, model, []
+        self.path, self.cells, self.model = path, domain.shape, model
+        self.remarks: list[str] = []
         with errors_as(FilmError, path, "cannot be read as a movie"):
             try:
                 stored = open_array(path, model.variable, NAMES)
@@ -96,48 +97,44 @@ class Movie:
     def _read_axes(self, stored: StoredArray, model: MovieGas) -> None:
         """Set times, pixel, origin and directions of axes by coordinates and attributes of the file and the keys."""
         known = {**stored.of_file, **stored.attributes}
-        lengths = {name: self._coordinate(n) for name, n in zip("yx", self.order[1:], strict=True)}
-        steps = {name: _step(values) for name, values in lengths.items() if values is not None}
-        for name, step in steps.items():
-            if step is None:
-                raise FilmError(
-                    f"{self.path}: its {name} is not equally spaced, as pixels are; resample the file"
-                )
-        self.flipped = {
-            "x": steps.get("x", 1.0) < 0,
-            "y": steps["y"] < 0 if "y" in steps else model.rows == "down",
-        }
         unit = stated_unit(known, LENGTHS)
-        edges = {abs(step) for step in steps.values()}
+        lengths = {name: self._coordinate(n, unit) for name, n in zip("yx", self.order[1:], strict=True)}
+        steps = {name: self._step(name, values) for name, values in lengths.items() if len(values)}
+        down = model.rows == "down"
+        self.flipped = {"x": steps.get("x", 1.0) < 0, "y": steps["y"] < 0 if "y" in steps else down}
+        edges = [abs(step) for step in steps.values()]
         if edges and max(edges) - min(edges) > REGULAR * max(edges):
             raise FilmError(
                 f"{self.path}: its pixels are {max(edges):g} by {min(edges):g} m; resample to squares"
             )
-        stated = next(iter(edges), None)
-        if stated is None and (model.pixel is None or "pixel_to_grid" in known):
-            pixel = (
-                None
-                if model.pixel and "pixel_to_grid" not in known
-                else self._number(known, "pixel_to_grid", "pixel")
-            )
-            stated = None if pixel is None else self._length(pixel, unit, "pixel_to_grid")
-        self.pixel = self._chosen("pixel", model.pixel, stated, "m")
-        corner = [
-            lengths[name].min() - self.pixel / 2 if lengths[name] is not None else None for name in "xy"
-        ]
-        if None in corner:
-            corner = [self._length(value, unit, "origin") for value in self._corner(known.get("origin"))]
-        self.origin = model.origin or (float(corner[0]), float(corner[1]))
+        if not edges and (model.pixel is None or "pixel_to_grid" in known):
+            pixel = self._number(known, "pixel_to_grid", "pixel")
+            edges = [self._length(pixel, unit, "pixel_to_grid")]
+        self.pixel = self._chosen("pixel", model.pixel, edges[0] if edges else None, "m")
+        y, x = (self._length(value, unit, "origin") for value in self._corner(known.get("origin")))
+        if len(steps) == 2:
+            y, x = (float(values.min()) - self.pixel / 2 for values in lengths.values())
+        self.origin = model.origin or (x, y)
         self.times = self._times(known, model)
+
+    def _step(self, name: str, values: np.ndarray) -> float:
+        """Return the step of equally spaced coordinates [m], negative if they descend. Raises FilmError."""
+        steps = np.diff(values)
+        mean = float(steps.mean())
+        if not np.isfinite(steps).all() or mean == 0 or (np.abs(steps - mean) > REGULAR * abs(mean)).any():
+            raise FilmError(
+                f"{self.path}: its {name} is not equally spaced, as pixels are; resample the file"
+            )
+        return mean
 
     def _times(self, known: Mapping[str, Any], model: MovieGas) -> np.ndarray:
         """Return the times of the frames since the first [s], and set their date."""
         count, n = self.stored.shape[self.order[0]], self.order[0]
         self.begin, stated = 0.0, None
-        values, about = self.stored.coordinates.get(self.stored.axes[n], (None, {}))
+        values, about = self.stored.along(n)
         has_rate = model.frame_rate is not None or not {*RATES}.isdisjoint(known)
         is_number = has_rate and not about.get("units") and np.array_equal(values, np.arange(count))
-        if values is not None and not is_number:
+        if len(values) and not is_number:
             try:
                 times = times_of(values.astype(float), str(about.get("units", "")))
             except ConventionError as error:
@@ -168,15 +165,19 @@ class Movie:
         assert value is not None
         return value
 
-    def _coordinate(self, n: int) -> np.ndarray | None:
-        """Return the coordinates along axis n of the array [m]; None if the file has none that is a length."""
-        values, about = self.stored.coordinates.get(self.stored.axes[n], (None, {}))
-        unit = str(about.get("units", "")) or stated_unit(self.stored.of_file, LENGTHS)
-        if values is None or len(values) != self.stored.shape[n] or len(values) < 2:
-            return None
+    def _coordinate(self, n: int, unit: str) -> np.ndarray:
+        """Return the coordinates along axis n of the array [m]; empty if the file has none that is a length.
+
+        unit: of lengths in the file without a unit of their own.
+        """
+        values, about = self.stored.along(n)
+        if len(values) != self.stored.shape[n] or len(values) < 2:
+            return np.empty(0)
         if not about.get("units") and np.array_equal(values, np.arange(len(values))) and self._has_pixel():
-            return None  # numbers of pixels
-        return self._length(np.asarray(values, float), unit, f"axis {self.stored.axes[n]}")
+            return np.empty(0)  # numbers of pixels
+        return self._length(
+            values.astype(float), str(about.get("units", "")) or unit, f"axis {self.stored.axes[n]}"
+        )
 
     def _has_pixel(self) -> bool:
         known = {**self.stored.of_file, **self.stored.attributes}
@@ -269,7 +270,7 @@ class Movie:
         order = ", ".join(role for role in self.roles if role)
         axes = f"axes {order}" + ("" if self.is_named else " (assumed)")
         direction = "descending" if self.flipped["y"] else "ascending"
-        if self._coordinate(self.order[1]) is None and "rows" not in self.model.model_fields_set:
+        if not len(self.stored.along(self.order[1])[0]) and "rows" not in self.model.model_fields_set:
             direction += " (assumed)"
         some = "" if len(looked) == count else f" in {len(looked)} of the frames"
         text = [
@@ -307,6 +308,7 @@ class Movie:
         return float(values[0])
 
     def _corner(self, origin: Any) -> tuple[float, float]:
+        """Return y and x of the attribute `origin`, 0 without one. Raises FilmError."""
         try:
             y, x = (0.0, 0.0) if origin is None else (float(value) for value in np.ravel(origin))
         except (TypeError, ValueError):
@@ -315,15 +317,7 @@ class Movie:
             raise FilmError(
                 f"{self.path}: its attribute 'origin' is {visible(origin, 60)}, not y and x; give origin"
             )
-        return x, y
-
-
-def _step(values: np.ndarray) -> float | None:
-    """Return the step of equally spaced coordinates, negative if they descend; None if they are not."""
-    steps = np.diff(values)
-    mean = float(steps.mean())
-    regular = np.isfinite(steps).all() and mean != 0 and (np.abs(steps - mean) <= REGULAR * abs(mean)).all()
-    return mean if regular else None
+        return y, x
 
 
 def means(values: np.ndarray, edges: np.ndarray, axis: int) -> np.ndarray:

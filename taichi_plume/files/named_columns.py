@@ -198,7 +198,7 @@ def _values(
         if wanted[key].is_text:
             values[key] = table.texts(column.index)
     for key in dated:
-        values[key] = iso_times(table.texts(picked[key].index))
+        values[key] = iso_times(list(table.texts(picked[key].index)))
         wrong = np.flatnonzero(np.isnan(values[key]))
         if len(wrong):
             raise table.wrong(int(wrong[0]), "its time is no date such as 2026-01-01T10:00:00.5")

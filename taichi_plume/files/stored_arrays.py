@@ -22,6 +22,8 @@ from taichi_plume.guard.terminal import visible
 
 Values = Any
 """An array of zarr, h5py, SciPy or NumPy."""
+Coordinate = tuple[np.ndarray, Mapping[str, Any]]
+"""Values (n,) along an axis, and attributes."""
 NPY, HDF5, MATLAB, NETCDF3 = b"\x93NUMPY", b"\x89HDF\r\n\x1a\n", b"MATLAB 7.3", b"CDF"
 HDF5_FILTERS = {1, 2, 3}  # HDF5 filters: gzip (deflate), shuffle, fletcher32
 MOST_ALONG = 10_000_000  # values of a coordinate
@@ -55,12 +57,16 @@ class StoredArray:
     attributes: Mapping[str, Any]
     of_file: Mapping[str, Any]
     axes: tuple[str, ...]
-    coordinates: Mapping[str, tuple[np.ndarray, Mapping[str, Any]]]
+    coordinates: Mapping[str, Coordinate]
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Lengths of the axes."""
         return tuple(self.values.shape)
+
+    def along(self, n: int) -> Coordinate:
+        """Return the coordinate of axis n; empty without one."""
+        return self.coordinates.get(self.axes[n], (np.empty(0), {}))
 
     def roles(self, usual: Sequence[str]) -> tuple[tuple[str, ...], bool]:
         """Return the role ("time", "y", "x") of each axis, "" for further ones of length 1, and whether it is stated.
@@ -144,7 +150,7 @@ def _with_beside(
     axes: Sequence[str],
     shape: Sequence[int],
     usual: Sequence[str],
-    beside: Mapping[str, tuple[np.ndarray, Mapping[str, Any]]],
+    beside: Mapping[str, Coordinate],
 ) -> tuple[str, ...]:
     """Return the names of axes; those without a name get that of a coordinate beside, if only one order fits."""
     if any(axes) or len(shape) != len(usual):
@@ -152,7 +158,7 @@ def _with_beside(
     by_role: dict[str, str] = {}
     for name, (_, attributes) in beside.items():
         role = role_of(name, attributes)
-        if role in usual:
+        if role is not None and role in usual:
             by_role.setdefault(role, name)
 
     def fits(order: Sequence[str]) -> bool:

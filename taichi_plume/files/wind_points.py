@@ -120,7 +120,7 @@ def read(path: Path, given: Mapping[str, str] | None = None, missing: Sequence[f
         raise WindFileError(f"{path}: has no column {', '.join(lacks)}; it has one for {', '.join(values)}")
     place, velocity = (np.stack([values[key] for key in keys], axis=-1) for keys in (axes, speeds))
     table.refuse(~np.isfinite(place).all(axis=1), lambda _: "its position is no finite number")
-    known = np.isfinite(velocity).all(axis=1)
+    known = np.asarray(np.isfinite(velocity).all(axis=1))
     far, speed = np.abs(place).max(axis=1, initial=0.0), np.abs(velocity).max(axis=1, initial=0.0)
     table.refuse(far > FARTHEST, lambda row: f"{far[row]:.3g} m is too far; at most {FARTHEST:g} m")
     table.refuse(speed >= FASTEST, lambda row: f"{speed[row]:.3g} m/s is too fast; leave the point out")

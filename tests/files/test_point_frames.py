@@ -172,7 +172,7 @@ def test_titles_of_fluent_say_where_columns_stand_and_their_unit(tmp_path):
     assert "lengths in mm" in frames.facts.text
     assert frames.facts.remarks == ("1 concentrations below 0 count as 0",)
     (tmp_path / "p1.txt").write_text(titles.replace("mm", "s") + "\n1,2,3,4,5\n")
-    with pytest.raises(PointFileError, match="line 1: .*'s' is no unit that converts to m"):
+    with pytest.raises(PointFileError, match=r"line 1: .*'s' is no unit that converts to m"):
         read_fluent(tmp_path / "p%d.txt", None, 1.0, 0.1, None)
 
 
