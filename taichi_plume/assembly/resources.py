@@ -227,7 +227,7 @@ def _site(resources: Resources, path: str, model: ImportedWind, folder: Path) ->
     with _reported(resources, f"{path}.files", WindFileError):
         site = Site(model, resources.scenario.domain.dim, folder)
         site.read(site.files[-1][1])
-        resources.site = site
+        resources.site, resources.facts[path] = site, site.facts()
 
 
 def _own(resources: Resources, path: str, model: Own, folder: Path) -> None:

@@ -3,6 +3,8 @@
     constant/polyMesh/{points, faces, owner, neighbour}    the mesh; of a decomposed case in each processorN
     TIME/U, and TIME/nut if present                        the fields of a time [s]
 
+Layout, regions and steady cases: files/openfoam_case.py.
+
 The centre of a cell is the centroid of its volume, as in OpenFOAM (Jasak 1996, thesis, Imperial College): faces are
 cut into triangles about the mean of their corners, cells into pyramids about the mean of their faces' centres. For
 cells with plane faces this is exact.
@@ -11,94 +13,68 @@ No library is used: VTK, of half a GB, has points in single precision, and foaml
 20,000 faces of text.
 """
 
-import os
-import re
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
+from taichi_plume.files.openfoam_case import moment_of, times
 from taichi_plume.files.openfoam_file import exists, open_foam, real_path
-from taichi_plume.files.wind_points import FARTHEST, FASTEST, MOST_NUMBER, Points, WindFileError
+from taichi_plume.files.wind_points import FARTHEST, FASTEST, Points, WindFileError
 from taichi_plume.guard.safe_open import admit
 
-MESH = "constant/polyMesh"
 PARTS = ("points", "faces", "owner", "neighbour")
-TIME = re.compile(r"\d+(\.\d*)?(e[-+]?\d+)?", re.IGNORECASE)
 
-
-def is_case(path: Path) -> bool:
-    """Return whether a path is the folder of an OpenFOAM case, reconstructed or decomposed."""
-    return any(os.path.isdir(path / part / MESH) for part in (".", "processor0"))
-
-
-def is_time(path: Path) -> bool:
-    """Return whether a path CASE/TIME names a time of an OpenFOAM case; the folder TIME itself need not exist."""
-    return TIME.fullmatch(path.name) is not None and is_case(path.parent)
-
-
-def times(case: Path) -> list[tuple[float, Path]]:
-    """Return (time [s], folder) for all times of an OpenFOAM case, in order. Raises WindFileError."""
-    names = {key: name for part in _parts(case)[:1] for key, name in _times(part).items()}
-    late = max(names, default=0.0)
-    if late > MOST_NUMBER:
-        raise WindFileError(f"{case / names[late]}: its time is above {MOST_NUMBER:g} s")
-    if not names:
-        raise WindFileError(f"{case}: has no time folder with a file U")
-    return [(key, case / names[key]) for key in sorted(names)]
+Mesh = tuple[np.ndarray, np.ndarray]
+"""Centres of cells (n, 3), and lower and upper corner (2, 3) of the points that faces use, [m]."""
 
 
 def read(path: Path) -> Points:
     """Return cell centres and velocities of an OpenFOAM case at the time folder `path`. Raises WindFileError."""
-    case, velocity, eddies = path.parent, [], []
-    parts = _parts(case, path.name)
-    for part in parts:
-        folder, size = part / path.name, len(_centres(part))
-        velocity.append(open_foam(folder / "U").field(3, size))
-        if exists(folder / "nut"):
-            eddies.append(open_foam(folder / "nut").field(1, size)[:, 0])
-    if eddies and len(eddies) < len(parts):
+    folders = _folders(path)
+    velocity, eddies, remarks = [], [], []
+    for mesh, fields in folders:
+        size = len(_mesh(mesh)[0])
+        file = open_foam(fields / "U")
+        if not file.require_dimensions("m/s", "a velocity"):
+            remarks.append(f"{file.path}: states no dimensions; its values are taken as m/s")
+        velocity.append(file.field(3, size))
+        if exists(fields / "nut"):
+            file = open_foam(fields / "nut")
+            file.require_dimensions("m^2/s", "an eddy viscosity")
+            eddies.append(file.field(1, size)[:, 0])
+    if eddies and len(eddies) < len(folders):
         raise WindFileError(f"{path}: only some of its parts have a file nut")
     u = np.concatenate(velocity)
     if len(u) < 4:
-        raise WindFileError(f"{case}: has {len(u)} cells, too few")
+        raise WindFileError(f"{path}: has {len(u)} cells, too few")
     if np.abs(u).max() >= FASTEST:
         raise WindFileError(f"{path}: {np.abs(u).max():.3g} m/s in U is too fast for air")
-    place = np.concatenate([_centres(part) for part in parts])
-    return Points(path, place, u, np.maximum(np.concatenate(eddies), 0.0) if eddies else None)
+    meshes = [_mesh(mesh) for mesh, _ in folders]
+    place = np.concatenate([centres for centres, _ in meshes])
+    corners = np.stack([box for centres, box in meshes if len(centres)])
+    box = (corners[:, 0].min(axis=0), corners[:, 1].max(axis=0))
+    eddy_viscosity = np.maximum(np.concatenate(eddies), 0.0) if eddies else None
+    return Points(path, place, u, eddy_viscosity, box=box, remarks=tuple(remarks[:1]))
 
 
-def _parts(case: Path, time: str = "") -> list[Path]:
-    """Return [case], or its processor folders if only these hold the time. Raises WindFileError if it is no case.
-
-    time: name of the time to read, by default all times.
-    """
-    whole = [case] if (case / MESH).is_dir() else []
-    split, n = [], 0
-    while (case / f"processor{n}" / MESH).is_dir():
-        split.append(case / f"processor{n}")
-        n += 1
-    if not whole and not split:
-        raise WindFileError(f"{case}: is no case of OpenFOAM: neither the folder nor processor0 has {MESH}")
-    if not whole or not split:
-        return whole or split
-    if time:
-        return whole if exists(case / time / "U") else split
-    return split if _times(split[0]).keys() - _times(case).keys() else whole
-
-
-def _times(part: Path) -> dict[float, str]:
-    try:
-        names = [entry.name for entry in part.iterdir() if TIME.fullmatch(entry.name)]
-    except OSError as error:
-        raise WindFileError(f"{part}: cannot be read: {error.strerror or error}") from None
-    return {float(name): name for name in names if exists(part / name / "U")}
+def _folders(path: Path) -> list[tuple[Path, Path]]:
+    """Return the folders (mesh, fields) of the parts of a time; a mesh that moves is refused. Raises WindFileError."""
+    moment = moment_of(path)
+    if moment is None:
+        raise WindFileError(f"{path}: is no time of a case of OpenFOAM")
+    for _, fields in moment.folders[:1]:
+        part = fields.parent if not moment.region else fields.parent.parent
+        for name in times(part, moment.region).values():
+            if exists(part / name / moment.region / "polyMesh" / "points"):
+                raise WindFileError(f"{part}: its mesh moves, which is not read")
+    return moment.folders
 
 
 def admit_files(path: Path) -> None:
     """Record all files that `read` opens as inputs of the run. Raises WindFileError if one may not be read."""
-    for part in _parts(path.parent, path.name):
-        for file in (*_mesh(part), part / path.name / "U", part / path.name / "nut"):
+    for mesh, fields in _folders(path):
+        for file in (*(mesh / name for name in PARTS), fields / "U", fields / "nut"):
             if exists(file):
                 _admit(real_path(file))
 
@@ -110,27 +86,23 @@ def _admit(file: Path) -> None:
         raise WindFileError(f"{file}: {error.strerror}") from None
 
 
-def _mesh(part: Path) -> list[Path]:
-    return [part / MESH / name for name in PARTS]
-
-
-def _centres(part: Path) -> np.ndarray:
-    """Return the cell centres (n, 3) [m] of an OpenFOAM mesh in a case or processor folder."""
-    if any(exists(part / name / "polyMesh" / "points") for name in _times(part).values()):
-        raise WindFileError(f"{part}: its mesh moves, which is not read")
-    files = [real_path(file) for file in _mesh(part) if exists(file)]
+def _mesh(folder: Path) -> Mesh:
+    """Return the cell centres and the box of the OpenFOAM mesh in a folder polyMesh."""
+    files = [real_path(folder / name) for name in PARTS if exists(folder / name)]
     for file in files:
         _admit(file)
-    return _centres_of(part, tuple(file.stat().st_mtime_ns for file in files))
+    return _mesh_of(folder, tuple(file.stat().st_mtime_ns for file in files))
 
 
 @lru_cache(maxsize=64)
-def _centres_of(part: Path, _changed: tuple[int, ...]) -> np.ndarray:
-    points = open_foam(part / MESH / "points").numbers(3)
-    flat, ends = open_foam(part / MESH / "faces").faces()
-    owner = open_foam(part / MESH / "owner").labels()
-    neighbour = open_foam(part / MESH / "neighbour").labels()
+def _mesh_of(folder: Path, _changed: tuple[int, ...]) -> Mesh:
+    points = open_foam(folder / "points").numbers(3)
+    flat, ends = open_foam(folder / "faces").faces()
+    owner = open_foam(folder / "owner").labels()
+    neighbour = open_foam(folder / "neighbour").labels()
     cells = int(max(owner.max(initial=-1), neighbour.max(initial=-1))) + 1
+    if not cells and not len(ends):  # a processor without cells
+        return np.empty((0, 3)), np.empty((2, 3))
     if (
         not len(points)
         or np.abs(points).max() > FARTHEST
@@ -141,12 +113,14 @@ def _centres_of(part: Path, _changed: tuple[int, ...]) -> np.ndarray:
         or min(owner.min(initial=0), neighbour.min(initial=0)) < 0
         or not 0 < cells <= len(ends)
     ):
-        raise WindFileError(f"{part / MESH}: its points, faces, owner and neighbour do not belong together")
+        raise WindFileError(f"{folder}: its points, faces, owner and neighbour do not belong together")
     center, area = _faces(points, flat, ends)
     pairs = np.concatenate([owner, neighbour])
     faces = np.concatenate([np.arange(len(owner)), np.arange(len(neighbour))])
     sign = np.repeat([1.0, -1.0], [len(owner), len(neighbour)])
-    return _volumes(center[faces], sign[:, None] * area[faces], pairs, cells, part)
+    centres = _volumes(center[faces], sign[:, None] * area[faces], pairs, cells, folder)
+    corners = points[flat]
+    return centres, np.stack([corners.min(axis=0), corners.max(axis=0)])
 
 
 def _sums(values: np.ndarray, into: np.ndarray, count: int) -> np.ndarray:
@@ -174,15 +148,15 @@ def _faces(points: np.ndarray, flat: np.ndarray, ends: np.ndarray) -> tuple[np.n
     return np.where(flat_out[:, None], middle, center / np.where(flat_out, 1.0, total)[:, None]), area
 
 
-def _volumes(center: np.ndarray, area: np.ndarray, cell: np.ndarray, cells: int, part: Path) -> np.ndarray:
+def _volumes(center: np.ndarray, area: np.ndarray, cell: np.ndarray, cells: int, folder: Path) -> np.ndarray:
     """Return cell centroids (cells, 3) [m] from centre and outward area vector of each face of each cell."""
     count = np.bincount(cell, minlength=cells)
     if count.min() < 4:
-        raise WindFileError(f"{part / MESH}: cell {int(count.argmin())} has {int(count.min())} faces")
+        raise WindFileError(f"{folder}: cell {int(count.argmin())} has {int(count.min())} faces")
     middle = _sums(center, cell, cells) / count[:, None]
     volume = (area * (center - middle[cell])).sum(axis=1) / 3.0
     total = np.bincount(cell, volume, cells)
     if not (total > 0.0).all():
-        raise WindFileError(f"{part / MESH}: cell {int(total.argmin())} has no volume")
+        raise WindFileError(f"{folder}: cell {int(total.argmin())} has no volume")
     away = 0.75 * (center - middle[cell])  # of a pyramid's centre from its tip
     return middle + _sums(volume[:, None] * away, cell, cells) / total[:, None]

@@ -1,4 +1,7 @@
-"""Parser of OpenFOAM files: header, lists of numbers and faces, and internal fields; text, binary or gzipped (.gz)."""
+"""Parser of OpenFOAM files: header, lists of numbers and faces, internal fields, dictionaries; text, binary or gzipped.
+
+Macros and directives of OpenFOAM ($name, #calc, #include) are recognised, not executed.
+"""
 
 import os
 import re
@@ -6,11 +9,13 @@ import warnings
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from taichi_plume.files.wind_points import WindFileError
-from taichi_plume.guard.safe_open import content_of
+from taichi_plume.guard.safe_open import content_of, open_regular
+from taichi_plume.scenario.quantities import conversion
 
 LARGEST_FILE = 1 << 30  # bytes, also once unpacked
 UNPACKED = 1 << 26  # bytes that a packed file of any size may have once unpacked
@@ -26,6 +31,16 @@ WORD = re.compile(rb'"([^"]*)"|(;)|([^\s;"]+)')
 LIST = re.compile(rb"\s*+(\d{1,10})\s*+([({])")
 ENDS = {True: re.compile(rb"\)\s*\)"), False: re.compile(rb"\)")}  # of a list of lists, of one of numbers
 BLANK = bytes.maketrans(b"()", b"  ")
+NONE = re.compile(rb"\s*+0(?!\d|\.|\s*+[({])")  # a list without entries, as binary files have it
+DIMENSIONS = re.compile(rb"\bdimensions\s++\[([^\]\n]{0,200})\]")
+MACRO = re.compile(
+    rb"internalField\s++(?:(?:non)?uniform\b\s*+)?(?:List<\w++>\s*+)?(?:\([^;()]{0,300}?)?([#$]\{?\w*)"
+)
+START = 1 << 16  # bytes of a field in which its internalField begins
+LARGEST_DICTIONARY = 1 << 22
+TOKEN = re.compile(r'"[^"\n]*+"|[{};]|[^\s{};"]++')
+DIRECTIVE = re.compile(r"#\{.*?(?:#\}|\Z)|^[ \t]*+#\w[^\n]*+", re.DOTALL | re.MULTILINE)
+BOMS = {b"\xef\xbb\xbf": "utf-8", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 FIELD = re.compile(rb"internalField\s++(?:uniform\s++([^;]{1,300}+);|nonuniform\s++(?:List<\w++>)?)")
 
 
@@ -54,6 +69,9 @@ class FoamFile:
     def field(self, width: int, cells: int) -> np.ndarray:
         """Return the internalField as an array (cells, width); a uniform field is repeated."""
         inner = FIELD.search(self.body)
+        macro = macro_of(self.body)
+        if macro:
+            raise self.wrong(f"its internalField is a macro of OpenFOAM ({macro}), which is not resolved")
         if inner is None:
             raise self.wrong("has no internalField")
         if inner[1] is not None:
@@ -61,9 +79,31 @@ class FoamFile:
             if values is None or len(values) != width or not np.isfinite(values).all():
                 raise self.wrong(f"its internalField must be {width} numbers")
             return np.tile(values, (cells, 1))
-        if not cells and re.compile(rb"\s*+0\s*+;").match(self.body, inner.end()):
-            return np.empty((0, width))
         return self.numbers(width, inner.end(), cells)
+
+    def require_dimensions(self, unit: str, quantity: str) -> bool:
+        """Raise WindFileError if the field states other dimensions than those of `unit`; False without a statement.
+
+        unit: "m/s" or "m^2/s"; quantity: noun for the message.
+        """
+        stated = DIMENSIONS.search(self.body)
+        if stated is None:
+            return False
+        text = stated[1].decode("ascii", "replace").strip()
+        exponents = _numbers(stated[1])
+        expected = EXPONENTS[unit]
+        if exponents is None:
+            fits = NAMED_DIMENSIONS.get(text) == unit
+            try:
+                fits = fits or conversion(text, unit) == (1.0, 0.0)
+            except ValueError:
+                fits = False
+        else:
+            fits = len(exponents) in (5, 7) and not exponents[5:].any() and tuple(exponents[:5]) == expected
+        if not fits:
+            whole = " ".join(map(str, (*expected, 0, 0)))
+            raise self.wrong(f"its dimensions [{text}] are not those of {quantity}, [{whole}] ({unit})")
+        return True
 
     def labels(self) -> np.ndarray:
         """Return a list of integers (labels of OpenFOAM), such as the owner cells of faces."""
@@ -83,8 +123,12 @@ class FoamFile:
             ends, end = self._list(0, self.label, 1)
             flat, _ = self._list(end, self.label, 1)
             ends, flat = ends.astype(np.int64)[1:], flat.astype(np.int64)
+            if not len(ends) and not len(flat):
+                return flat, ends
         else:
-            count, values = self._text(0, True)
+            count, values, _ = self._text(0, 0)
+            if not count and not len(values):
+                return np.empty(0, np.int64), np.empty(0, np.int64)
             self._require_labels(values)
             sizes, at = [], 0
             for _ in range(count):
@@ -104,20 +148,25 @@ class FoamFile:
     ) -> tuple[np.ndarray, int]:
         """Return the values of the list at position `begin`, and the position after it; required: expected length."""
         if not self.binary:
-            count, values = self._text(begin, width > 1, required)
+            count, values, end = self._text(begin, width, required)
             if len(values) != count * width:
                 raise self.wrong(f"its list has {len(values) / width:.6g} of {count} entries; is it whole?")
-            return values, len(self.body)
+            return values, end
+        if empty := NONE.match(self.body, begin):
+            self._require(0, required)
+            return np.empty(0, kind), empty.end()
         head = LIST.match(self.body, begin)
         if head is None:
             raise self.wrong("has no list")
         self._require(int(head[1]), required)
         size = int(head[1]) * width * kind.itemsize
         if head[2] == b"{":  # one value for all
-            if len(self.body) <= head.end() + 64 or (required is None and int(head[1]) > MOST_EQUAL):
+            self._require_equal(int(head[1]), required)
+            end = head.end() + width * kind.itemsize
+            if self.body[end : end + 1] != b"}":
                 raise self.wrong("its list is truncated or damaged")
             value = np.frombuffer(self.body, kind, width, head.end())
-            return np.tile(value, int(head[1])), head.end() + width * kind.itemsize + 1
+            return np.tile(value, int(head[1])), end + 1
         if self.body[head.end() + size : head.end() + size + 1] != b")":
             raise self.wrong(f"its list of {int(head[1])} entries is cut or damaged")
         return np.frombuffer(self.body, kind, int(head[1]) * width, head.end()), head.end() + size + 1
@@ -126,22 +175,76 @@ class FoamFile:
         if required is not None and count != required:
             raise self.wrong(f"has {count} values, but the mesh has {required} cells")
 
-    def _text(self, begin: int, nested: bool, required: int | None = None) -> tuple[int, np.ndarray]:
-        """Return the stated length of a list in text form, and all numbers in it."""
+    def _require_equal(self, count: int, required: int | None) -> None:
+        if required is None and count > MOST_EQUAL:
+            raise self.wrong(f"its list of {count} equal entries is too long to be that of a mesh")
+
+    def _text(self, begin: int, width: int, required: int | None = None) -> tuple[int, np.ndarray, int]:
+        """Return the stated length of a list in text form, all numbers in it, and the position after the list.
+
+        width: numbers of an entry; 0 for faces, which have any.
+        """
+        if empty := NONE.match(self.body, begin):
+            self._require(0, required)
+            return 0, np.empty(0), empty.end()
         head = LIST.match(self.body, begin)
-        if head is None or head[2] != b"(":
+        if head is None:
             raise self.wrong("has no list")
         count = int(head[1])
         self._require(count, required)
-        if re.compile(rb"\s*\)").match(self.body, head.end()):
-            return count, np.empty(0)
-        end = ENDS[nested].search(self.body, head.end())
-        if end is None:
+        if head[2] == b"{":  # one value for all
+            self._require_equal(count, required)
+            end = self.body.find(b"}", head.end(), head.end() + 300)
+            value = _numbers(self.body[head.end() : end]) if end > 0 else None
+            if value is None or len(value) != width:
+                raise self.wrong(
+                    f"its list of equal entries must have {width or 'no'} numbers between braces"
+                )
+            return count, np.tile(value, count), end + 1
+        closed = re.compile(rb"\s*\)").match(self.body, head.end())
+        if closed:
+            return count, np.empty(0), closed.end()
+        found = ENDS[width != 1].search(self.body, head.end())
+        if found is None:
             raise self.wrong("its list is cut")
-        values = _numbers(self.body[head.end() : end.start()])
+        values = _numbers(self.body[head.end() : found.start()])
         if values is None:
             raise self.wrong("its list holds what is no number")
-        return count, values
+        return count, values, found.end()
+
+
+EXPONENTS = {"m/s": (0, 1, -1, 0, 0), "m^2/s": (0, 2, -1, 0, 0)}
+"""Exponents of kg, m, s, K and mol."""
+NAMED_DIMENSIONS = {"velocity": "m/s", "kinematicViscosity": "m^2/s", "viscosity": "m^2/s"}
+"""Names of dimension sets in recent versions of OpenFOAM."""
+
+
+def macro_of(body: bytes) -> str:
+    """Return the macro or directive that stands for the internalField of a field, such as "$U0"; "" without one."""
+    macro, plain = MACRO.search(body), FIELD.search(body)
+    if macro and (plain is None or macro.start() <= plain.start()):
+        return macro[1].decode("ascii", "replace")
+    return (
+        "#include"
+        if b"#include" in body and b"internalField" not in body.replace(b"$internalField", b"")
+        else ""
+    )
+
+
+def starting_macro(path: Path) -> str:
+    """Return the macro that stands for the internalField of a file, by the start of the file. Raises WindFileError."""
+    path = real_path(path)
+    try:
+        with open_regular(path) as file:
+            start = file.read(START)
+    except OSError as error:
+        raise WindFileError(f"{path}: cannot be read: {error.strerror or error}") from None
+    if start[:2] == b"\x1f\x8b":
+        try:
+            start = zlib.decompressobj(31).decompress(start, START)
+        except zlib.error:
+            return ""  # `open_foam` reports it
+    return macro_of(COMMENT.sub(b"", start)) if b"internalField" in start or len(start) < START else ""
 
 
 def _numbers(text: bytes) -> np.ndarray | None:
@@ -180,6 +283,7 @@ def open_foam(path: Path) -> FoamFile:
             raise WindFileError(f"{path}: is damaged: it cannot be unpacked") from None
         if not unpacked.eof:
             raise WindFileError(f"{path}: is cut, or has more than {most >> 20} MiB once unpacked")
+    content = without_mark(content)
     header = HEADER.match(content, _after_comments(content, 0))
     if header is None:
         raise WindFileError(f"{path}: is no file of OpenFOAM: it does not begin with FoamFile")
@@ -196,6 +300,48 @@ def open_foam(path: Path) -> FoamFile:
     body = content[_after_comments(content, header.end()) :]
     body = body if binary else COMMENT.sub(b"", body)
     return FoamFile(path, body, binary, kinds[0], kinds[1], keys.get("class", ""))
+
+
+def without_mark(content: bytes) -> bytes:
+    """Return text without a byte order mark, in UTF-8; text without a mark stays."""
+    encoding = next((name for mark, name in BOMS.items() if content.startswith(mark)), "")
+    if encoding == "utf-8":
+        return content[3:]
+    return content.decode(encoding, "replace").encode() if encoding else content
+
+
+def dictionary(path: Path) -> dict[str, Any]:
+    """Return the entries of an OpenFOAM dictionary, nested: text of a value, or a dict. Raises WindFileError.
+
+    Directives are left out; macros such as $name take the value of an entry of the same file, or stay as text.
+    """
+    content = without_mark(content_of(path, LARGEST_DICTIONARY, WindFileError))
+    text = DIRECTIVE.sub("", COMMENT.sub(b"", content).decode("utf-8", "replace"))
+    top: dict[str, Any] = {}
+    stack, words = [top], []
+    for token in TOKEN.findall(text):
+        if token == "{":
+            inner: dict[str, Any] = {}
+            stack[-1][" ".join(words).strip('"')] = inner
+            stack.append(inner)
+        elif token == "}":
+            stack = stack[:-1] or [top]
+        elif token == ";":
+            if len(words) > 1:
+                values = [_resolved(word, stack) for word in words[1:]]
+                stack[-1][words[0].strip('"')] = " ".join(values)
+        else:
+            words.append(token)
+            continue
+        words = []
+    return top
+
+
+def _resolved(word: str, scopes: list[dict[str, Any]]) -> str:
+    """Return the value of a macro $name or ${name} in the innermost scope that has it; other words as they are."""
+    name = word.lstrip("$:.").strip("{}") if word.startswith("$") else ""
+    value = next((scope[name] for scope in reversed(scopes) if name in scope), word) if name else word
+    return value if isinstance(value, str) else word
 
 
 def _after_comments(content: bytes, at: int) -> int:

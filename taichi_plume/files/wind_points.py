@@ -45,7 +45,7 @@ class WindFileError(ValueError):
 class Points:
     """Wind at points: place [m] and velocity [m/s], (n, 2 or 3), and eddy viscosity [m²/s], (n,) or None.
 
-    box: lower and upper corner of the flow [m], if the file states it; remarks: what was assumed.
+    box: lower and upper corner [m] of what a mesh fills, if the file has one. remarks: what was assumed.
     """
 
     path: Path

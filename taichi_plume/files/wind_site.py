@@ -1,44 +1,49 @@
 """Imported wind (CFD results): its files, and where the simulated domain lies in their coordinates."""
 
-import os
 from pathlib import Path
 
 import numpy as np
 
 from taichi_plume.files import gaden as occupancy
-from taichi_plume.files import openfoam
+from taichi_plume.files import openfoam, openfoam_case
 from taichi_plume.files import wind_points as wind_files
+from taichi_plume.files.conventions import FileFacts
 from taichi_plume.files.wind_points import Points, WindFileError
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.interpolation import Interpolation
+from taichi_plume.grid.interpolation import SAME, Interpolation
 from taichi_plume.scenario.imported_wind import ImportedWind
 
 
 class Site:
     """Files of an imported wind with their times [s], and the domain's position in them. Raises WindFileError.
 
-    first: points of the first file; low, high: corners of the box of the points [m], from the domain's lower corner;
-    origin: that corner in the files' coordinates [m]; height: for a 2-D run, z of the section in the files [m];
+    first: points of the first file; low, high: corners of the box that the points or, if the file has one, the mesh
+    fill [m], from the domain's lower corner; slack: tolerance of that box [m]; origin: the domain's lower corner in the
+    files' coordinates [m]; height: for a 2-D run, z of the section in the files [m];
     levels: limits of z; cubes: obstacles of the occupancy grid, if given.
     """
 
     def __init__(self, wind: ImportedWind, dim: int, folder: Path):
         self.wind = wind
-        self.files = _files(folder / wind.files) or wind_files.find(folder, wind.files, wind.interval)
+        case = openfoam_case.series(folder / wind.files)
+        self.remarks = dict.fromkeys(case.remarks if case else ())  # without repeats, in their order
+        self.files = case.files if case else wind_files.find(folder, wind.files, wind.interval)
         for _, path in self.files:  # files between the first and the last are not read before the run
-            if openfoam.is_time(path):
+            if openfoam_case.is_time(path):
                 openfoam.admit_files(path)
         self.dim = dim
-        self.first = _read(self.files[0][1])
+        self.fastest = 0.0
+        self.first = self._read(self.files[0][1])
         self._check(self.first)
         known = Interpolation(self.first.place)
+        low, high = (known.low, known.high) if self.first.box is None else self.first.box
         grid = occupancy.read(folder / wind.occupancy) if wind.occupancy else None
-        corner = known.low if grid is None else grid.low
+        corner = low if grid is None else grid.low
         self.origin = np.array(wind.origin or corner[:dim])
-        self.low, self.high = known.low[:dim] - self.origin, known.high[:dim] - self.origin
-        self.slack = known.slack
+        self.low, self.high = low[:dim] - self.origin, high[:dim] - self.origin
+        self.slack = known.slack if self.first.box is None else 0.0
         if self.first.place.shape[1] == 3:
-            self.levels = (known.low[2], known.high[2])
+            self.levels = (low[2], high[2])
         else:
             self.levels = (grid.low[2], grid.high[2]) if grid else (0.0, 0.0)
         self.height = float(np.mean(self.levels)) if wind.height is None else wind.height
@@ -46,19 +51,48 @@ class Site:
 
     def read(self, path: Path) -> Points:
         """Return points and velocities of a wind file, which must match the first file. Raises WindFileError."""
-        points = _read(path)
+        points = self._read(path)
         self._check(points)
         return points
+
+    def _read(self, path: Path) -> Points:
+        points = openfoam.read(path) if openfoam_case.is_time(path) else wind_files.read(path)
+        self.remarks |= dict.fromkeys(points.remarks)
+        self.fastest = max(self.fastest, float(np.linalg.norm(points.velocity, axis=1).max()))
+        return points
+
+    def facts(self) -> FileFacts:
+        """Return what was read of the files, in their coordinates, and what was assumed."""
+        times, first = [time for time, _ in self.files], self.first
+        form = "points" if first.box is None else "cell centres of OpenFOAM"
+        if len(times) == 1:
+            when, which = "one time, which holds", ""
+        else:
+            steps = np.diff(times)
+            is_even = np.ptp(steps) < 1e-6 * steps.max()
+            step = f"{steps.min():.4g}{'' if is_even else f' to {steps.max():.4g}'} s"
+            when = f"{len(times)} times {times[0]:.6g} to {times[-1]:.6g} s, {step} apart"
+            which = " in the first and last" if len(times) > 2 else ""
+        low, high = self.low + self.origin, self.high + self.origin
+        ends = [*zip(low, high, strict=True), self.levels][: first.place.shape[1]]
+        box = ", ".join(f"{x} {a:.4g} to {b:.4g} m" for x, (a, b) in zip("xyz", ends, strict=False))
+        corner = ", ".join(f"{x:.4g}" for x in self.origin)
+        eddies = "; eddy viscosity nut" if first.eddy_viscosity is not None else ""
+        text = f"{when}; {len(first.place):,} {form}, {self.fastest:.3g} m/s at most{which}, {box}{eddies}"
+        return FileFacts(f"{text}; the domain begins at ({corner})", tuple(self.remarks))
 
     def _check(self, points: Points) -> None:
         path, first = points.path, self.first
         if points.place.shape[1] < self.dim:
             raise WindFileError(f"{path}: names no column for z and w, which a 3-D run needs")
-        for a, x in enumerate(points.place.T[: self.dim]):
-            if np.ptp(x) == 0.0:
-                raise WindFileError(
-                    f"{path}: all its points have {'xyz'[a]} = {x[0]:g} m, too few for a {self.dim}-D run"
-                )
+        extent = np.ptp(points.place, axis=0)
+        flat = extent <= SAME * extent.max()
+        for a in np.flatnonzero(flat[: self.dim]):
+            if points.box is not None:
+                raise WindFileError(_one_layer(path, "xyz"[a], self.dim))
+            raise WindFileError(
+                f"{path}: all its points have {'xyz'[a]} = {points.place[0, a]:g} m, too few for a {self.dim}-D run"
+            )
         if points.kind != first.kind:
             raise WindFileError(f"{path}: has other columns than {first.path.name}: z, w or nut")
         if len(points.place) != len(first.place):
@@ -82,12 +116,14 @@ class Site:
         return axes
 
 
-def _files(path: Path) -> list[tuple[float, Path]]:
-    """Return (time [s], path) of all times of an OpenFOAM case, or (0, path) for one time; else an empty list."""
-    if os.path.isdir(path) and openfoam.is_case(path):
-        return openfoam.times(path)
-    return [(0.0, path)] if openfoam.is_time(path) else []
-
-
-def _read(path: Path) -> Points:
-    return openfoam.read(path) if openfoam.is_time(path) else wind_files.read(path)
+def _one_layer(path: Path, axis: str, dim: int) -> str:
+    """Return an error: the mesh has only one layer of cells along an axis that the run needs."""
+    start = f"{path}: its mesh has one layer of cells along {axis} (empty or wedge faces)"
+    if dim == 2:
+        how = " '(-90 0 0)'" if axis == "y" else " '(0 90 0)'"
+        return (
+            f"{start}, but a 2-D run is horizontal and needs the one layer along z; turn mesh and fields, such as by "
+            f"transformPoints -rotateFields -rollPitchYaw{how}, or compute in 3-D"
+        )
+    hint = "give domain.size two numbers" if axis == "z" else "use a mesh with several layers"
+    return f"{start}, but a 3-D run needs several; {hint}"

@@ -3,6 +3,7 @@
 import gzip
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -42,8 +43,8 @@ def prism(below: Sequence[int], above: Sequence[int]) -> Cell:
 class Writer:
     """Writes files of a case."""
 
-    def __init__(self, folder: Path, binary: bool = False, packed: bool = False):
-        self.folder, self.binary, self.packed = folder, binary, packed
+    def __init__(self, folder: Path, binary: bool = False, packed: bool = False, region: str = ""):
+        self.folder, self.binary, self.packed, self.region = folder, binary, packed, region
 
     def write(self, name: str, kind: str, body: bytes) -> None:
         path = self.folder / name
@@ -61,7 +62,9 @@ class Writer:
             path.write_bytes(content)
 
     def listed(self, values: np.ndarray) -> bytes:
-        """A list of integers, scalars or vectors."""
+        """A list of integers, scalars or vectors; without entries as OpenFOAM writes it in binary files."""
+        if not len(values):
+            return b"0" if self.binary else b"0\n(\n)"
         if self.binary:
             kind = "<i4" if values.dtype.kind == "i" else "<f8"
             return f"{len(values)}\n(".encode() + values.astype(kind).tobytes() + b")"
@@ -79,11 +82,11 @@ class Writer:
         faces = sorted((one for one in known.values() if one[2] >= 0), key=lambda one: (one[0], one[2]))
         inner = len(faces)
         faces += [one for one in known.values() if one[2] < 0]
-        place = "constant/polyMesh/"
+        place = str(Path("constant") / self.region / "polyMesh") + "/"
         self.write(f"{place}points", "vectorField", self.listed(points))
         if self.binary:
             ends = np.cumsum([0, *(len(face) for _, face, _ in faces)])
-            flat = np.concatenate([face for _, face, _ in faces])
+            flat = np.array([corner for _, face, _ in faces for corner in face], int)
             self.write(f"{place}faces", "faceCompactList", self.listed(ends) + b"\n\n" + self.listed(flat))
         else:
             lines = [f"{len(face)}({' '.join(map(str, face))})" for _, face, _ in faces]
@@ -97,6 +100,11 @@ class Writer:
         self.write(f"{place}boundary", "polyBoundaryMesh", patch.encode())
         self.binary = binary
 
+    def raw_field(self, time: str, name: str, inner: str, dimensions: str = "0 1 -1 0 0 0 0") -> None:
+        """A field whose internalField is written as given."""
+        text = f"dimensions [{dimensions}];\ninternalField {inner};\nboundaryField\n{{\n}}\n"
+        self.write(str(Path(time) / self.region / name), "volVectorField", text.encode())
+
     def field(self, time: str, name: str, values: np.ndarray, uniform: bool = False) -> None:
         """Of the cells: (n, 3) or (n,)."""
         kind = "vector" if values.ndim == 2 else "scalar"
@@ -104,13 +112,14 @@ class Writer:
             inner = f"uniform ({' '.join(map(repr, values[0].tolist()))})".encode()
         else:
             inner = f"nonuniform List<{kind}> \n".encode() + self.listed(values) + b"\n"
-        body = b"dimensions [0 1 -1 0 0 0 0];\n\ninternalField   " + inner
+        length = 1 if values.ndim == 2 else 2  # m/s; m^2/s of nut
+        body = f"dimensions [0 {length} -1 0 0 0 0];\n\ninternalField   ".encode() + inner
         body += b";\n\nboundaryField\n{\n    walls { type zeroGradient; }\n}"
-        self.write(f"{time}/{name}", f"vol{kind.title()}Field", body)
+        self.write(str(Path(time) / self.region / name), f"vol{kind.title()}Field", body)
 
 
 def decomposed(
-    folder: Path, points: np.ndarray, cells: list[Cell], parts: Sequence[np.ndarray], **keys: bool
+    folder: Path, points: np.ndarray, cells: list[Cell], parts: Sequence[np.ndarray], **keys: Any
 ) -> list[Writer]:
     """The meshes of the processors, whose cells have these numbers."""
     writers = []
@@ -119,5 +128,7 @@ def decomposed(
         used = sorted({corner for cell in mine for face in cell for corner in face})
         number = {corner: m for m, corner in enumerate(used)}
         writers.append(Writer(folder / f"processor{n}", **keys))
-        writers[-1].mesh(points[used], [[[number[c] for c in face] for face in cell] for cell in mine])
+        writers[-1].mesh(
+            points[used].reshape(-1, 3), [[[number[c] for c in face] for face in cell] for cell in mine]
+        )
     return writers

@@ -4,6 +4,7 @@ import gzip
 import tracemalloc
 from pathlib import Path
 from time import process_time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ from foam_case import Cell, Writer, box, decomposed, prism
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.files import openfoam, openfoam_file
-from taichi_plume.files.openfoam import is_case, is_time, read, times
+from taichi_plume.files.openfoam import read
+from taichi_plume.files.openfoam_case import Series, is_case, is_time, series
 from taichi_plume.files.openfoam_file import open_foam
 from taichi_plume.files.wind_points import WindFileError
 
@@ -31,7 +33,21 @@ def sheared(x: np.ndarray) -> np.ndarray:
     return x @ SHEAR.T
 
 
-def small_case(folder: Path, n: tuple[int, ...] = (4, 3, 2), **keys: bool) -> None:
+def centres(case: Path) -> np.ndarray:
+    return openfoam._mesh(case / "constant/polyMesh")[0]
+
+
+def played(path: Path) -> Series:
+    found = series(path)
+    assert found is not None
+    return found
+
+
+def times(case: Path) -> list[tuple[float, Path]]:
+    return played(case).files
+
+
+def small_case(folder: Path, n: tuple[int, ...] = (4, 3, 2), **keys: Any) -> None:
     """A case of a graded mesh with a time of 1 s."""
     points, cells = box(n, graded)
     writer = Writer(folder, **keys)
@@ -96,7 +112,7 @@ def test_centres_of_polyhedra_are_those_of_their_volumes(tmp_path, n, top):
     turn *= np.linalg.det(turn)
     writer = Writer(tmp_path / "case", binary=n % 2 == 0)
     writer.mesh(points @ turn.T + [3.0, -2.0, 1.0], cells)
-    found = openfoam._centres(tmp_path / "case")
+    found = centres(tmp_path / "case")
     np.testing.assert_allclose((found - [3.0, -2.0, 1.0]) @ turn, expected, rtol=0, atol=5e-15)
     if top != 1.7:
         assert np.abs(means(points, cells) - expected).max() > 0.01
@@ -116,7 +132,7 @@ def test_warped_faces_are_cut_into_triangles_as_openfoam_does(tmp_path):
         part = area @ (_face_centre(points[face]) - tip) / 3
         volume += part
         moment += part * (0.75 * _face_centre(points[face]) + 0.25 * tip)
-    np.testing.assert_allclose(openfoam._centres(tmp_path / "case")[0], moment / volume, atol=1e-14)
+    np.testing.assert_allclose(centres(tmp_path / "case")[0], moment / volume, atol=1e-14)
 
 
 def _face_centre(corners: np.ndarray) -> np.ndarray:
@@ -203,7 +219,7 @@ def test_faults_are_reported_in_a_line(tmp_path, file, old, new, reported):
     content = (tmp_path / file).read_bytes()
     assert old in content
     (tmp_path / file).write_bytes(content.replace(old, new, 1))
-    openfoam._centres_of.cache_clear()
+    openfoam._mesh_of.cache_clear()
     with pytest.raises(WindFileError, match=reported) as caught:
         read(tmp_path / "1")
     assert "\n" not in str(caught.value)
@@ -226,7 +242,7 @@ def test_damaged_files_are_reported_or_read(tmp_path, keys):
                 if damaged:
                     damaged[rng.integers(len(damaged))] = rng.integers(256)
             file.write_bytes(damaged)
-            openfoam._centres_of.cache_clear()
+            openfoam._mesh_of.cache_clear()
             try:
                 found = read(tmp_path / "1")
                 assert np.isfinite(found.place).all()
@@ -237,8 +253,9 @@ def test_damaged_files_are_reported_or_read(tmp_path, keys):
     assert not is_case(tmp_path / "1")
     assert not is_case(tmp_path / ("a" * 5000))
     assert not is_time(tmp_path / ("a" * 5000) / "1")
-    with pytest.raises(WindFileError, match="is no case of OpenFOAM"):
-        times(tmp_path / "1")
+    assert series(tmp_path / "constant") is None
+    with pytest.raises(WindFileError, match="is no time of a case"):
+        read(tmp_path / "constant")
 
 
 TEXT, BINARY = b"FoamFile { format ascii; }\n", b"FoamFile { format binary; }\n"
