@@ -81,21 +81,30 @@ class FramePlayer:
             self._pool = ThreadPoolExecutor(1, "film")
         self.model, self.times = model, self.film.times
         steps = np.diff(self.times)
-        self.period = self.times[-1] - self.times[0] + (np.median(steps) if len(steps) else np.inf)
-        self.ends = np.append(self.times[1:], self.times[0] + self.period if model.loop else np.inf)
+        begin, end = model.looped
+        near = CLOSE * max(1.0, abs(self.times[-1]))
+        self.first = int(np.searchsorted(self.times, begin - near))
+        self.last = int(np.searchsorted(self.times, end + near, side="right")) - 1
+        self.period = (
+            self.times[self.last] - self.times[self.first] + (np.median(steps) if len(steps) else np.inf)
+        )
+        self.ends = np.append(self.times[1:], np.inf)
+        if model.loop:
+            self.ends[self.last] = self.times[self.first] + self.period
         self._frames: dict[int, Future] = {}  # a cache, not part of the state
         self._reached = self._end = -np.inf
         self.show(t)
 
     def show(self, t: float) -> None:
         """Set the fields to the recorded values at simulated time t [s]."""
-        first = self.times[0]
+        first = self.times[self.first]
         time = self.model.start + self.model.rate * t
-        if self.model.loop and np.isfinite(self.period):
+        if self.model.loop and np.isfinite(self.period) and (time >= first or self.first == 0):
             time = first + (time - first) % self.period
-        time = self._snapped(max(time, first))
+        time = self._snapped(max(time, self.times[0]))
         if not self._reached <= time < self._end:
-            self._change(int(np.searchsorted(self.times, time, side="right")) - 1)
+            n = int(np.searchsorted(self.times, time, side="right")) - 1
+            self._change(min(n, self.last) if self.model.loop else n)
         share = (time - self._reached) / (self._end - self._reached)
         if share > 0.0 and self.prepare:
             self._approach(share)
@@ -123,9 +132,9 @@ class FramePlayer:
         self._reached, self._end = self.times[n], self.ends[n]
 
     def _next(self, n: int) -> int:
-        if n + 1 < len(self.times):
-            return n + 1
-        return 0 if self.model.loop else n
+        if self.model.loop and n == self.last:
+            return self.first
+        return min(n + 1, len(self.times) - 1)
 
     def _read(self, n: int) -> FrameValues:
         assert self.prepare is not None

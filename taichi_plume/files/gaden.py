@@ -9,6 +9,7 @@ and then, from the floor upwards, layers of nx lines of ny numbers, each ended b
 1 obstacle, 2 outlet, which is air too.
 """
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +18,8 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
-from taichi_plume.files.tables import TextFile, shown
-from taichi_plume.files.wind_points import WindFileError
+from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, is_number, shown
+from taichi_plume.files.wind_points import FASTEST, WindFileError
 from taichi_plume.grid.clearance import FAR
 from taichi_plume.grid.cut_cells import SLIVER
 from taichi_plume.grid.grid import Grid
@@ -95,6 +96,28 @@ def _cells(file: TextFile, shape: tuple[int, ...]) -> np.ndarray:
             f"layers as its num_cells {' x '.join(map(str, shape))} say; is the file whole?"
         )
     return np.array(rows).reshape(shape[2], shape[0], shape[1]).transpose(1, 2, 0)
+
+
+def uniform(path: Path) -> np.ndarray:
+    """Return the velocities (times, 3) [m/s] of GADEN's uniform wind: a line u,v,w per time. Raises WindFileError."""
+    file = TextFile(path, WindFileError)
+    table = Table(file, file.rows(0), 3, delimiter_of(file.lines[0]), "three numbers: u, v, w in m/s")
+    values = table.numbers(0, 1, 2)
+    fast = ~(np.abs(values) < FASTEST).all(axis=1)
+    table.refuse(fast, lambda row: f"{table.shown(row)} is no velocity below {FASTEST:g} m/s")
+    return values
+
+
+def is_uniform(path: Path) -> bool:
+    """Return whether a path names a file whose first line has three numbers and no name, as GADEN's uniform wind."""
+    if not os.path.isfile(path):
+        return False
+    try:
+        lines = [line for line in TextFile(path, WindFileError).lines if line.strip()[:1] not in ("", "#")]
+    except WindFileError:
+        return False
+    cells = cells_of(lines[0], delimiter_of(lines[0])) if lines else []
+    return len(cells) == 3 and all(map(is_number, cells))
 
 
 class Cubes(Shape):

@@ -7,8 +7,10 @@ upper voxel. A closed body around `empty_point` is the hull of the air. The mode
 
     environment_configurations/CONFIG/config.yaml     GADEN 3: names relative to this file
     params/preproc_params.yaml                        GADEN 2: names begin with package variables of ROS
+    simulations/SIM.yaml                              GADEN 2, where it lists models for variables of that file
 """
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import isfinite
@@ -27,6 +29,8 @@ from taichi_plume.scenario.loading import ScenarioError, read_mapping
 
 OLD = "preproc_params.yaml"
 NEEDS = "a configuration lists its models"
+SIMULATIONS = "simulations"
+VARIABLE = re.compile(r"\$\(var (\w+)\)")
 MOST_VOXELS = 50_000_000
 MOST_PAIRS = 10_000_000  # pairs of a triangle and a voxel in its bounding box
 PER_BODY = 500  # pairs that take as long as a body
@@ -37,14 +41,48 @@ UNKNOWN, OBSTACLE, OUTLET, AIR = -1, 1, 2, 0
 
 
 def configuration(path: Path) -> dict[str, Any]:
-    """Return the content of GADEN's config.yaml (GADEN 3) or preproc_params.yaml (GADEN 2). Raises ScenarioError."""
-    data = read_mapping(path, NEEDS)
-    if path.name == OLD:
-        for key in ("gaden_preprocessing", "ros__parameters"):
-            data = data.get(key)
-            if not isinstance(data, dict):
-                raise ScenarioError([f"{path}: has no {key}; {NEEDS}"])
-    return data
+    """Return the content of GADEN's config.yaml (GADEN 3) or preproc_params.yaml (GADEN 2). Raises ScenarioError.
+
+    path: also a simulation of GADEN 2, whose values take the places of variables in the preproc_params.yaml beside.
+    """
+    if not _is_simulation(path):
+        data = read_mapping(path, NEEDS)
+        return parameters(path, data, "gaden_preprocessing") if path.name == OLD else data
+    values, listing = read_mapping(path, NEEDS), path.parent.parent / "params" / OLD
+    found = parameters(listing, read_mapping(listing, NEEDS), "gaden_preprocessing")
+    return {key: substituted(value, values) for key, value in found.items()}
+
+
+def _is_simulation(path: Path) -> bool:
+    return path.parent.name == SIMULATIONS and path.name not in (OLD, "sim.yaml")
+
+
+def parameters(path: Path, data: Mapping[str, Any], node: str) -> dict[str, Any]:
+    """Return the parameters of a ROS node in a parameter file, over those of all nodes ("/**"). Raises ScenarioError.
+
+    data: content of the file at `path`.
+    """
+    found: dict[str, Any] = {}
+    for name in ("/**", f"/**/{node}", f"/{node}", node):
+        part = data.get(name)
+        if isinstance(part, dict) and isinstance(part.get("ros__parameters"), dict):
+            found |= part["ros__parameters"]
+    if not found:
+        missing = "ros__parameters" if node in data else node
+        raise ScenarioError([f"{path}: has no {missing}; {NEEDS}"])
+    return found
+
+
+def substituted(value: Any, values: Mapping[str, Any]) -> Any:
+    """Return a parameter with $(var NAME) replaced by the value of that name; names without a value stay."""
+    if isinstance(value, list):
+        return [substituted(item, values) for item in value]
+    if not isinstance(value, str):
+        return value
+    whole = VARIABLE.fullmatch(value.strip())
+    if whole and whole[1] in values:
+        return values[whole[1]]
+    return VARIABLE.sub(lambda match: str(values.get(match[1], match[0])), value)
 
 
 def occupancy(path: Path) -> Occupancy:
@@ -151,6 +189,10 @@ def models_of(path: Path, config: Mapping[str, Any], key: str) -> list[Path]:
         old = {"models": ("model",), "outlets_models": ("outlets_model", "outlet_model")}[key]
         keys = [f"{name}_{n}" for name in old for n in range(len(config))]
         listed = [config[key] for key in keys if key in config]
+    if isinstance(listed, str) and VARIABLE.search(listed):
+        raise WindFileError(
+            f"{path}: {key}: {listed} stands for a list in simulations/; name a file of that folder"
+        )
     if not isinstance(listed, list):
         raise WindFileError(f"{path}: {key}: got {listed!r}, must be a list of STL files")
     names = [name for name in listed if isinstance(name, str) and not name.startswith("!")]
@@ -163,7 +205,7 @@ def located(path: Path, name: str) -> Path:
     A variable stands for a package around the project: the rest of the name is looked up in the project's folder and
     in folders above. If the file does not exist, the path in the project's folder is returned.
     """
-    home = path.parent.parent if path.name == OLD else path.parent
+    home = path.parent.parent if path.name == OLD or _is_simulation(path) else path.parent
     parts = name.split("/")
     if name.startswith("package://"):
         rest = parts[3:]

@@ -5,8 +5,9 @@
     environment_configurations/CONFIG/simulations/SIM/sim.yaml
         GADEN 3; CONFIG/config.yaml names wind and models, beside it, after preprocessing, OccupancyGrid3D.csv
     simulations/SIM.yaml
-        GADEN 2; beside the folder are wind_simulations/, params/preproc_params.yaml, which names the models, and, after
-        preprocessing, OccupancyGrid3D.csv
+        GADEN 2; beside the folder are wind_simulations/, params/preproc_params.yaml, which names the models,
+        params/gaden_params.yaml, whose parameters take the values of the simulation for variables $(var NAME), and,
+        after preprocessing, OccupancyGrid3D.csv
 
 The grid of a project that is not preprocessed is made of the models: see files/gaden_models.py. Keys of the scenario
 take precedence over those of the project. GADEN's lengths of filaments are in cm, pressures in atm.
@@ -23,14 +24,15 @@ import numpy as np
 from scipy import ndimage
 
 from taichi_plume.files import gaden, gaden_models
-from taichi_plume.files.gaden_models import OLD, configuration
+from taichi_plume.files.gaden_models import OLD, SIMULATIONS, VARIABLE, configuration, parameters, substituted
 from taichi_plume.files.gaden_results import GASES
 from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.guard.safe_open import require_inside, unopenable
 from taichi_plume.scenario.loading import ScenarioError, read_mapping
-from taichi_plume.scenario.species import SPECIES
+from taichi_plume.scenario.species import AIR_MOLAR_MASS, SPECIES
 
-CONFIGS, SIMULATIONS, OCCUPANCY = "environment_configurations", "simulations", "OccupancyGrid3D.csv"
+CONFIGS, OCCUPANCY = "environment_configurations", "OccupancyGrid3D.csv"
+PARAMETERS = ("params/gaden_params.yaml", "ros_params/gaden_params.yaml")
 FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
 KEYS = {  # of GADEN 3, its first versions and GADEN 2; the default
     "step": (("deltaTime", "time_step"), 0.1),
@@ -44,7 +46,11 @@ KEYS = {  # of GADEN 3, its first versions and GADEN 2; the default
     "rate": (("numFilaments_sec", "num_filaments_sec"), 10.0),
     "iterations": (("expectedNumIterations",), 600.0),
     "duration": (("sim_time",), 0.0),
+    "stop_steps": (("filament_stop_steps",), 0.0),
 }
+GRAVITIES = {"fluorine": 1.31, "biogas": 0.8, "smoke": 0.89}
+"""Specific gravities (air: 1) in GADEN's source code of gases that have no molar mass here."""
+DIFFUSIVITY = 1.5e-5  # m²/s, assumed for these gases: about that of light gases in air
 FLUCTUATION_TIME = 0.5  # s
 SMALLEST = 0.02  # m: radius of a point, as which GADEN releases
 GAS_CONSTANT, ATM = 8.314462618, 101325.0
@@ -67,11 +73,19 @@ class _Project:
     def number(self, name: str) -> float:
         """Return a simulation parameter, or its default, as a float. Raises ScenarioError if it is no number >= 0."""
         keys, default = KEYS[name]
-        value = next((self.sim[key] for key in keys if key in self.sim), default)
+        key = next((key for key in keys if key in self.sim), keys[0])
+        value = self.sim.get(key, default)
         number = gaden_models.number(value, 0.0, 1e9)
         if number is None:
-            raise self.wrong(f"{keys[0]}: got {value!r}, must be a number of 0 or more")
+            raise self.wrong(f"{key}: got {value!r}, must be a number of 0 or more")
         return number
+
+    def flag(self, key: str) -> bool:
+        """Return a simulation parameter that is true or false, by default false. Raises ScenarioError."""
+        value = self.sim.get(key, False)
+        if not isinstance(value, bool) and value not in (0, 1):
+            raise self.wrong(f"{key}: got {value!r}, must be true or false")
+        return bool(value)
 
     def note(self, what: str) -> None:
         """Add a note for the user, such as on a GADEN key without an equivalent."""
@@ -136,7 +150,37 @@ def _project_at(path: Path) -> _Project:
         home = home.parent
         return _Project(file, sim, configuration(home / "config.yaml"), home / "config.yaml", home, True)
     listing = home / "params" / OLD
-    return _Project(file, sim, configuration(listing) if listing.is_file() else {}, listing, home, False)
+    if not listing.is_file():
+        return _Project(file, _with_parameters(file, sim, home), {}, listing, home, False)
+    plain = configuration(listing)
+    config = {key: substituted(value, sim) for key, value in plain.items()}
+    if any(config[key] != value for key, value in plain.items() if key != "wind_files"):
+        listing = file  # the models, or the grid, depend on the simulation
+    return _Project(file, _with_parameters(file, sim, home), config, listing, home, False)
+
+
+def _with_parameters(file: Path, sim: dict[str, Any], home: Path) -> dict[str, Any]:
+    """Return the keys of a simulation of GADEN 2 with the parameters that the simulator takes from gaden_params.yaml.
+
+    The simulation's values stand for variables $(var NAME) there. Raises ScenarioError.
+    """
+    found = next((home / name for name in PARAMETERS if (home / name).is_file()), None)
+    if found is None:
+        return sim
+    data = read_mapping(found, "it has the simulator's parameters")
+    values = {
+        key: substituted(value, sim)
+        for key, value in parameters(found, data, "gaden_filament_simulator").items()
+    }
+    known = {
+        key: value for key, value in values.items() if not (isinstance(value, str) and VARIABLE.search(value))
+    }
+    for axis in "xyz":
+        if f"source_position_{axis}" in known:
+            known[f"source_{axis}"] = known.pop(f"source_position_{axis}")
+    if "$(var wind_sim_path)" not in str(data) and isinstance(values.get("wind_data"), str):
+        known["wind_data"] = values["wind_data"]
+    return sim | known
 
 
 def _simulations(path: Path) -> Iterator[Path]:
@@ -150,35 +194,92 @@ def _simulations(path: Path) -> Iterator[Path]:
         yield from path.glob(f"{SIMULATIONS}/*.yaml")
 
 
-def _wind_files(project: _Project, folder: Path) -> str:
-    """Return the pattern, such as wind_%d.csv, of a GADEN project's wind files, relative to `folder`."""
+def _wind_files(project: _Project, folder: Path) -> Path:
+    """Return the path of a GADEN project's wind files without _0.csv at the end."""
     wind, place = project.config.get("unprocessed_wind_files"), project.home
     if not project.new:
         wind, place = project.sim.get("wind_sim_path"), project.home / "wind_simulations"
-    if not project.new and wind is None:  # the launch file gives it; only one wind may exist
-        given = project.config.get("wind_files")
-        files = sorted(place.glob("**/*_0.csv"))
+        given = project.sim.get("wind_data") or (project.config.get("wind_files") if wind is None else None)
         if isinstance(given, str) and "$(var wind_sim_path)" not in given:
             first = gaden_models.located(project.listing, f"{given}_0.csv")
             wind, place = str(first).removesuffix("_0.csv"), Path()
-        elif len(files) == 1:
-            wind = str(files[0]).removesuffix("_0.csv")
-        elif files:
-            names = ", ".join(str(file.relative_to(place)).removesuffix("_0.csv") for file in files[:10])
-            raise project.wrong(f"wind_sim_path: is missing; set it to one of the winds {names}")
+        elif wind is None:  # the launch file gives it; only one wind may exist
+            files = sorted(place.glob("**/*_0.csv"))
+            if len(files) == 1:
+                wind = str(files[0]).removesuffix("_0.csv")
+            elif files:
+                names = ", ".join(str(file.relative_to(place)).removesuffix("_0.csv") for file in files[:10])
+                raise project.wrong(f"wind_sim_path: is missing; set it to one of the winds {names}")
     if not isinstance(wind, str) or not wind:
         raise project.wrong("names no wind files; set unprocessed_wind_files, or wind_sim_path")
-    name = os.path.relpath(place / wind, folder)
-    fault = unopenable(folder / f"{name}_0.csv")
-    if fault:
-        raise project.wrong(f"its wind {wind}_0.csv {fault}")
-    return f"{name}_%d.csv"
+    return Path(os.path.relpath(place / wind, folder))
+
+
+def _wind(project: _Project, folder: Path) -> dict[str, Any]:
+    """Return files, interval and loop of the scenario's `wind`."""
+    stem = _wind_files(project, folder)
+    if project.config.get("uniformWind") is True:
+        names = (str(stem), f"{stem}_0.csv", f"{stem}.csv")
+        file = next((name for name in names if (folder / name).is_file()), names[1])
+        fault = unopenable(folder / file)
+        if fault:
+            raise project.wrong(f"its uniform wind {file} {fault}")
+        try:
+            count = len(gaden.uniform(folder / file))
+        except WindFileError as error:
+            raise ScenarioError([f"gaden: {error}"]) from None
+        project.note(
+            "its wind is uniform, also in walls; here the flow goes around the walls, free of divergence"
+        )
+    else:
+        fault = unopenable(folder / f"{stem}_0.csv")
+        if fault:
+            raise project.wrong(f"its wind {stem.name}_0.csv {fault}")
+        file, count = f"{stem}_%d.csv", 1
+        while os.path.isfile(folder / f"{stem}_{count}.csv"):
+            count += 1
+    interval = project.number("wind_step")
+    return {"files": file, "interval": interval} | _loop(project, count, interval)
+
+
+def _loop(project: _Project, count: int, interval: float) -> dict[str, Any]:
+    """Return the keys of the wind's loop; count: number of wind files, interval: time between them [s]."""
+    loop = next((project.sim[key] for key in ("windLooping", "wind_looping") if key in project.sim), None)
+    if isinstance(loop, dict):
+        given = bool(loop.get("loop")), loop.get("from", 0), loop.get("to", count - 1)
+    elif loop is None and not project.new:
+        given = (
+            project.flag("allow_looping"),
+            project.sim.get("loop_from_step", 1),
+            project.sim.get("loop_to_step", 100),
+        )
+    else:
+        return {"loop": False}
+    is_looped, first, last = given
+    numbers = [gaden_models.number(x, 0, 1e9) for x in (first, last)]
+    if None in numbers:
+        raise project.wrong(f"the loop of its wind: got {first!r} to {last!r}, must be numbers of files")
+    if not is_looped or count == 1:
+        return {"loop": False}
+    begin, end = (int(x or 0) for x in numbers)
+    if begin > end or end >= count:
+        what = f"the loop of its wind goes from file {begin} to file {end}, but it has the files 0 to {count - 1}"
+        if begin >= min(end, count):
+            project.note(f"{what}; nothing is looped, the last file holds")
+            return {"loop": False}
+        how = "GADEN 3 loops none of them" if project.new else "GADEN 2 holds the last of them in between"
+        project.note(f"{what}; here it ends at the last ({how})")
+        end = count - 1
+    keys: dict[str, Any] = {"loop": True}
+    if begin > 0:
+        keys["loop_from"] = begin * interval
+    if end < count - 1:
+        keys["loop_to"] = end * interval
+    return keys
 
 
 def _scenario(project: _Project, folder: Path, corner: np.ndarray | None) -> dict[str, Any]:
     """Return scenario data for a GADEN project. corner: lower corner of the domain [m], by default of the room."""
-    if project.config.get("uniformWind") is True:
-        raise project.wrong("its wind is uniform, also in walls; give a wind of kind cfd and a domain")
     occupancy = project.home / OCCUPANCY
     if not occupancy.exists():
         if not project.config:
@@ -191,13 +292,8 @@ def _scenario(project: _Project, folder: Path, corner: np.ndarray | None) -> dic
     room = _of_grid(occupancy, project, folder)
     low, wind = room.pop("low"), room.pop("wind")
     low = low if corner is None else corner
-    loop = next((project.sim[key] for key in ("windLooping", "wind_looping") if key in project.sim), {})
-    loops = isinstance(loop, dict) and bool(loop.get("loop"))
-    if loops and loop.get("from"):
-        project.note("its wind loops from a later file on; here all files are looped")
     duration = project.number("duration") or project.number("iterations") * project.number("step")
-    wind |= {"kind": "imported", "files": _wind_files(project, folder), "loop": loops}
-    wind |= {"interval": project.number("wind_step"), "origin": [float(x) for x in low]}
+    wind |= {"kind": "imported", **_wind(project, folder), "origin": [float(x) for x in low]}
     return {"duration": duration, **room, "wind": wind, "gas": _gas(project, low)}
 
 
@@ -260,9 +356,9 @@ def _gas(project: _Project, low: np.ndarray) -> dict[str, Any]:
     sigma, rate, step = project.number("sigma") / 100.0, project.number("rate"), project.number("step")
     if not sigma or not rate or not step:
         raise project.wrong("its filaments need a size, a rate and a time step above 0")
-    species = GASES[kind]
-    if species not in SPECIES:
-        raise project.wrong(f"its gas is {species}, which has no molar mass; choose another gasType")
+    name = GASES[kind]
+    species, molar_mass = _species(project, name)
+    rate *= _released(project)
     moles = project.number("ppm") * 1e-6 * project.number("pressure") * ATM
     moles *= (2.0 * pi) ** 1.5 * sigma**3 / (GAS_CONSTANT * max(project.number("temperature"), 1.0))
     # diffusivity of the filament's random steps: see docs/coming-from/gaden.md
@@ -272,7 +368,7 @@ def _gas(project: _Project, low: np.ndarray) -> dict[str, Any]:
     return {
         "kind": "puffs",
         "species": species,
-        "sources": [where | {"rate": rate * moles * SPECIES[species].molar_mass}],
+        "sources": [where | {"rate": rate * moles * molar_mass}],
         "release_rate": rate,
         "initial_size": sigma,
         "growth": {"kind": "diffusive", "rate": project.number("growth") * 1e-4},
@@ -281,3 +377,36 @@ def _gas(project: _Project, low: np.ndarray) -> dict[str, Any]:
         "handover": False,
         "buoyancy": True,
     }
+
+
+def _species(project: _Project, name: str) -> tuple[str | dict[str, Any], float]:
+    """Return the key `species` of a gas of GADEN, and its molar mass [kg/mol]."""
+    if name in SPECIES:
+        return name, SPECIES[name].molar_mass
+    mass = GRAVITIES[name] * AIR_MOLAR_MASS
+    project.note(
+        f"{name} has no molar mass in GADEN; {1000.0 * mass:.4g} g/mol by its specific gravity {GRAVITIES[name]} and a "
+        f"diffusivity of {DIFFUSIVITY:g} m2/s are assumed"
+    )
+    return {"name": name, "molar_mass": mass, "diffusivity": DIFFUSIVITY}, mass
+
+
+def _released(project: _Project) -> float:
+    """Return the share of num_filaments_sec that GADEN 2 releases on average.
+
+    With variable_rate it draws the number in each step evenly between 0 and the full number. Otherwise it releases
+    filaments in one of filament_stop_steps + 1 steps.
+    """
+    if project.new:
+        return 1.0
+    steps = project.number("stop_steps")
+    if project.flag("variable_rate"):
+        project.note(
+            "variable_rate: GADEN 2 draws each step's filaments between 0 and all; here half of them, evenly"
+        )
+        return 0.5
+    if steps:
+        project.note(
+            f"filament_stop_steps: GADEN 2 releases in one of {steps + 1:g} steps; here at their mean rate, evenly"
+        )
+    return 1.0 / (1.0 + steps)

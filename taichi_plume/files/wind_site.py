@@ -27,7 +27,14 @@ class Site:
         self.wind = wind
         case = openfoam_case.series(folder / wind.files)
         self.remarks = dict.fromkeys(case.remarks if case else ())  # without repeats, in their order
-        self.files = case.files if case else wind_files.find(folder, wind.files, wind.interval)
+        self.grid = occupancy.read(folder / wind.occupancy) if wind.occupancy else None
+        self._uniform = self._uniform_wind(folder / wind.files) if case is None else {}
+        if case:
+            self.files = case.files
+        elif self._uniform:
+            self.files = [(n * wind.interval, path) for n, path in enumerate(self._uniform)]
+        else:
+            self.files = wind_files.find(folder, wind.files, wind.interval)
         for _, path in self.files:  # files between the first and the last are not read before the run
             if openfoam_case.is_time(path):
                 openfoam.admit_files(path)
@@ -37,7 +44,7 @@ class Site:
         self._check(self.first)
         known = Interpolation(self.first.place)
         low, high = (known.low, known.high) if self.first.box is None else self.first.box
-        grid = occupancy.read(folder / wind.occupancy) if wind.occupancy else None
+        grid = self.grid
         corner = low if grid is None else grid.low
         self.origin = np.array(wind.origin or corner[:dim])
         self.low, self.high = low[:dim] - self.origin, high[:dim] - self.origin
@@ -55,8 +62,28 @@ class Site:
         self._check(points)
         return points
 
+    def _uniform_wind(self, path: Path) -> dict[Path, np.ndarray]:
+        """Return the velocity (3,) [m/s] per line FILE:LINE of GADEN's uniform wind; {} for another file."""
+        if not occupancy.is_uniform(path):
+            return {}
+        if self.grid is None:
+            raise WindFileError(
+                f"{path}: has velocities without positions (uniform wind); give wind.occupancy"
+            )
+        return {Path(f"{path}:{n}"): u for n, u in enumerate(occupancy.uniform(path), 1)}
+
     def _read(self, path: Path) -> Points:
+        if path in self._uniform and self.grid is not None:
+            low, high = self.grid.low, self.grid.high
+            place = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
+            return self._noted(
+                Points(path, place, np.tile(self._uniform[path], (8, 1)), None, box=(low, high))
+            )
         points = openfoam.read(path) if openfoam_case.is_time(path) else wind_files.read(path)
+        return self._noted(points)
+
+    def _noted(self, points: Points) -> Points:
+        """Return the points after their remarks and their fastest velocity are noted."""
         self.remarks |= dict.fromkeys(points.remarks)
         self.fastest = max(self.fastest, float(np.linalg.norm(points.velocity, axis=1).max()))
         return points
@@ -65,6 +92,7 @@ class Site:
         """Return what was read of the files, in their coordinates, and what was assumed."""
         times, first = [time for time, _ in self.files], self.first
         form = "points" if first.box is None else "cell centres of OpenFOAM"
+        form = "corners of the grid (uniform wind of GADEN)" if self._uniform else form
         if len(times) == 1:
             when, which = "one time, which holds", ""
         else:
@@ -75,8 +103,10 @@ class Site:
             which = " in the first and last" if len(times) > 2 else ""
         low, high = self.low + self.origin, self.high + self.origin
         ends = [*zip(low, high, strict=True), self.levels][: first.place.shape[1]]
-        box = ", ".join(f"{x} {a:.4g} to {b:.4g} m" for x, (a, b) in zip("xyz", ends, strict=False))
-        corner = ", ".join(f"{x:.4g}" for x in self.origin)
+        box = ", ".join(
+            f"{x} {_rounded(a)} to {_rounded(b)} m" for x, (a, b) in zip("xyz", ends, strict=False)
+        )
+        corner = ", ".join(_rounded(x) for x in self.origin)
         eddies = "; eddy viscosity nut" if first.eddy_viscosity is not None else ""
         text = f"{when}; {len(first.place):,} {form}, {self.fastest:.3g} m/s at most{which}, {box}{eddies}"
         return FileFacts(f"{text}; the domain begins at ({corner})", tuple(self.remarks))
@@ -114,6 +144,11 @@ class Site:
         if self.first.place.shape[1] > grid.dim:
             axes.append(np.array([self.height]))
         return axes
+
+
+def _rounded(x: float) -> str:
+    """Return a coordinate [m] with at most a micrometre, and seven digits."""
+    return f"{round(float(x), 6) + 0.0:.7g}"
 
 
 def _one_layer(path: Path, axis: str, dim: int) -> str:

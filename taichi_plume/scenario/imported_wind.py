@@ -1,7 +1,7 @@
 """Imported wind: flow files of other programs, and checks that they cover the simulated domain."""
 
 from collections.abc import Iterator
-from math import prod
+from math import inf, prod
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
@@ -36,6 +36,10 @@ class ImportedWind(AnyWind, Played):
     folder of OpenFOAM stands for all of its times, whole or decomposed, CASE/TIME for one of them."""
     interval: si.Duration = 1.0
     """Time from one numbered file to the next; the first is of time 0."""
+    loop_from: si.Time | None = None
+    """Time of the first file that `loop` repeats; earlier files are played once. Unless given, the first of all."""
+    loop_to: si.Time | None = None
+    """Time of the last file that `loop` repeats; later files are not played. Unless given, the last of all."""
     origin: si.Point | None = None
     """Where the domain's lower corner lies in the files. Unless given, the lower corner of the occupancy grid, or
     without one that of the points."""
@@ -59,10 +63,31 @@ class ImportedWind(AnyWind, Played):
         if dim == 3 and self.height is not None:
             yield f"{where}.height: is for 2-D runs; remove it, or give domain.size two numbers"
 
+    @property
+    def looped(self) -> tuple[float, float]:
+        first, last = self.loop_from, self.loop_to
+        return -inf if first is None else first, inf if last is None else last
+
+    def _loop_errors(self, where: str, site: "Site") -> Iterator[str]:
+        """Yield errors of `loop_from` and `loop_to`, which name times of files."""
+        times = [time for time, _ in site.files]
+        for key in ("loop_from", "loop_to"):
+            time = getattr(self, key)
+            if time is None:
+                continue
+            if not self.loop:
+                yield f"{where}.{key}: repeats nothing without loop: true"
+            elif not times[0] <= time <= times[-1]:
+                yield f"{where}.{key}: {time:g} s is outside of the files, {times[0]:g} to {times[-1]:g} s"
+        first, last = self.looped
+        if not any(first <= time <= last for time in times):
+            yield f"{where}.loop_from: no file is from {first:g} s to loop_to, {last:g} s"
+
     def file_errors(self, where: str, context: Context) -> Iterator[str]:
         """Yield errors found in the first and last wind file; the other files are read at the start of the run."""
         site = context.resources.site
         assert site is not None
+        yield from self._loop_errors(where, site)
         low, high = site.levels
         if self.height is not None and not low <= self.height <= high:
             yield f"{where}.height: {self.height:g} m is outside of {site.first.path}, z {low:g} to {high:g} m"

@@ -1,6 +1,7 @@
 """Playback of recorded winds and gases: frames of an earlier run, pictures of a movie, points in logs of PlumeSim."""
 
 from collections.abc import Iterator
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
@@ -30,6 +31,11 @@ class Played(Model):
     """Key of the file with the frames."""
     steps: ClassVar[bool] = False
     """Whether each frame holds until the next one; otherwise playback is linear in time."""
+
+    @property
+    def looped(self) -> tuple[float, float]:
+        """Times [s] of the first and the last frame that a loop repeats; infinite for all."""
+        return -inf, inf
 
     def recorded(self, where: str, context: Context) -> tuple[str | Path, int, float]:
         """Return the file of the frames, their number, and the time [s] of the frames at which they end."""
