@@ -44,7 +44,7 @@ def imported_wind(n: int, dim: int, jitter: float) -> Answer:
     grid = Grid((n,) * dim, 1.0 / n)
     with TemporaryDirectory() as folder:
         np.savetxt(Path(folder) / "wind.csv", columns, fmt="%.8g", delimiter=",", header=HEADER, comments="")
-        film = ImportedFilm(Site(model, dim, Path(folder)), grid, air_of([], grid))
+        film = ImportedFilm(Site(model, grid.extent, Path(folder)), grid, air_of([], grid))
     wind = ImportedFlow(model, film, grid)
     points = rng.uniform(0.0, 1.0, (4000, dim))
     exact = vortices(points)

@@ -225,7 +225,7 @@ def _site(resources: Resources, path: str, model: ImportedWind, folder: Path) ->
     from taichi_plume.files.wind_site import Site
 
     with _reported(resources, f"{path}.files", WindFileError):
-        site = Site(model, resources.scenario.domain.dim, folder)
+        site = Site(model, resources.scenario.domain.extent, folder)
         site.read(site.files[-1][1])
         resources.site, resources.facts[path] = site, site.facts()
 

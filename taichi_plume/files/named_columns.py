@@ -52,14 +52,14 @@ class Picked(NamedTuple):
 class NamedTable:
     """Columns of a table by the reader's keys, in the reader's units; missing numbers are NaN.
 
-    lines: line of each row in the file, from 1 on; picked: where each column stands; remarks: what was assumed.
+    picked: where each column stands; remarks: what was assumed; names: of all columns.
     """
 
     values: dict[str, np.ndarray]
-    lines: np.ndarray
     picked: dict[str, Picked]
     remarks: tuple[str, ...]
-    table: Table | None = None
+    table: Table
+    names: list[str]
 
 
 def pick(
@@ -165,7 +165,7 @@ def read_columns(
     preamble = "\n".join(lines[:first])
     length = LENGTH_UNIT.search(preamble)
     values, remarks = _values(table, wanted, picked, length[1] if length else "", missing)
-    return NamedTable(values, np.array(rows, int) + 1, picked, (*file.remarks, *remarks), table)
+    return NamedTable(values, picked, (*file.remarks, *remarks), table, all_names)
 
 
 def _values(

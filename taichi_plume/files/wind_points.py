@@ -20,6 +20,7 @@ import numpy as np
 
 from taichi_plume.files.named_columns import Column, read_columns
 from taichi_plume.files.tables import TextFile
+from taichi_plume.grid.point_box import Stand
 from taichi_plume.guard.safe_open import unopenable
 
 PLACES = ("points:{n}", "points_{n}", "points_{a}", "{a}", "coordinates:{n}", "coordinates_{n}", "coordinates_{a}",
@@ -46,6 +47,7 @@ class Points:
     """Wind at points: place [m] and velocity [m/s], (n, 2 or 3), and eddy viscosity [m²/s], (n,) or None.
 
     box: lower and upper corner [m] of what a mesh fills, if the file has one. remarks: what was assumed.
+    stand: whether the points are nodes or centres, if the file states it; left_out: number of points without velocity.
     """
 
     path: Path
@@ -54,6 +56,8 @@ class Points:
     eddy_viscosity: np.ndarray | None
     box: tuple[np.ndarray, np.ndarray] | None = None
     remarks: tuple[str, ...] = ()
+    stand: Stand | None = None
+    left_out: int = 0
 
     @property
     def kind(self) -> tuple[int, bool]:
@@ -130,7 +134,21 @@ def read(path: Path, given: Mapping[str, str] | None = None, missing: Sequence[f
     if not known.all():
         remarks += (f"{len(known) - known.sum()} of {len(known)} points have no velocity, and are left out",)
     eddies = np.maximum(np.nan_to_num(values["nut"][known]), 0.0) if "nut" in values else None
-    return Points(path, place[known], velocity[known], eddies, remarks=remarks)
+    left_out = int(len(known) - known.sum())
+    stand = _stand(path, named.names)
+    return Points(
+        path, place[known], velocity[known], eddies, remarks=remarks, stand=stand, left_out=left_out
+    )
+
+
+def _stand(path: Path, names: Sequence[str]) -> Stand | None:
+    """Return whether points are nodes or centres of cells by the header, or by a name as GADEN's; None if unknown."""
+    text = " ".join([*names, path.name]).lower()
+    nodes, cells = (
+        ("node" in text or "vertex" in text),
+        re.search(r"cell[ _]?(number|id|cent)", text) is not None,
+    )
+    return None if nodes == cells else "nodes" if nodes else "centres"
 
 
 COLUMNS = {

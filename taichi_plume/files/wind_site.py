@@ -1,5 +1,6 @@
 """Imported wind (CFD results): its files, and where the simulated domain lies in their coordinates."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,20 +12,22 @@ from taichi_plume.files.conventions import FileFacts
 from taichi_plume.files.wind_points import Points, WindFileError
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.interpolation import SAME, Interpolation
+from taichi_plume.grid.point_box import box_of
 from taichi_plume.scenario.imported_wind import ImportedWind
 
 
 class Site:
     """Files of an imported wind with their times [s], and the domain's position in them. Raises WindFileError.
 
-    first: points of the first file; low, high: corners of the box that the points or, if the file has one, the mesh
-    fill [m], from the domain's lower corner; slack: tolerance of that box [m]; origin: the domain's lower corner in the
+    extent: edges of the simulated domain [m]. first: points of the first file; low, high: corners of the box that the
+    mesh or, without one, the points fill (see `point_box`) [m], from the domain's lower corner; slack: tolerance of
+    that box [m]; origin: the domain's lower corner in the
     files' coordinates [m]; height: for a 2-D run, z of the section in the files [m];
     levels: limits of z; cubes: obstacles of the occupancy grid, if given.
     """
 
-    def __init__(self, wind: ImportedWind, dim: int, folder: Path):
-        self.wind = wind
+    def __init__(self, wind: ImportedWind, extent: Sequence[float], folder: Path):
+        self.wind, self.dim = wind, len(extent)
         case = openfoam_case.series(folder / wind.files)
         self.remarks = dict.fromkeys(case.remarks if case else ())  # without repeats, in their order
         self.grid = occupancy.read(folder / wind.occupancy) if wind.occupancy else None
@@ -38,23 +41,34 @@ class Site:
         for _, path in self.files:  # files between the first and the last are not read before the run
             if openfoam_case.is_time(path):
                 openfoam.admit_files(path)
-        self.dim = dim
-        self.fastest = 0.0
+        self.fastest, dim = 0.0, self.dim
         self.first = self._read(self.files[0][1])
         self._check(self.first)
-        known = Interpolation(self.first.place)
-        low, high = (known.low, known.high) if self.first.box is None else self.first.box
+        low, high, self.slack, self.form = self._box(extent)
         grid = self.grid
         corner = low if grid is None else grid.low
         self.origin = np.array(wind.origin or corner[:dim])
         self.low, self.high = low[:dim] - self.origin, high[:dim] - self.origin
-        self.slack = known.slack if self.first.box is None else 0.0
         if self.first.place.shape[1] == 3:
             self.levels = (low[2], high[2])
         else:
             self.levels = (grid.low[2], grid.high[2]) if grid else (0.0, 0.0)
         self.height = float(np.mean(self.levels)) if wind.height is None else wind.height
         self.cubes = occupancy.Cubes(grid, dim, self.origin, self.height) if grid else None
+
+    def _box(self, extent: Sequence[float]) -> tuple[np.ndarray, np.ndarray, float, str]:
+        """Return the corners of the flow [m], their uncertainty [m], and a text on the form of its points."""
+        if self.first.box is not None:
+            form = (
+                "corners of the grid (uniform wind of GADEN)" if self._uniform else "cell centres of OpenFOAM"
+            )
+            return *self.first.box, 0.0, form
+        box = box_of(Interpolation(self.first.place), extent, self.wind.points or self.first.stand)
+        form = {"nodes": "nodes", "centres": "centres of cells"}[box.stand]
+        if not box.is_known and not self.wind.origin and not self.wind.occupancy:
+            remark = "its points may be nodes or centres of cells; centres are assumed; give points or origin"
+            self.remarks[remark] = None
+        return box.low, box.high, box.slack, form if box.is_known else f"{form} (assumed)"
 
     def read(self, path: Path) -> Points:
         """Return points and velocities of a wind file, which must match the first file. Raises WindFileError."""
@@ -79,7 +93,15 @@ class Site:
             return self._noted(
                 Points(path, place, np.tile(self._uniform[path], (8, 1)), None, box=(low, high))
             )
-        points = openfoam.read(path) if openfoam_case.is_time(path) else wind_files.read(path)
+        wind = self.wind
+        if openfoam_case.is_time(path):
+            if wind.columns or wind.points or wind.missing:
+                raise WindFileError(
+                    f"{path}: is a case of OpenFOAM; columns, points and missing are for tables"
+                )
+            points = openfoam.read(path)
+        else:
+            points = wind_files.read(path, wind.columns, wind.missing)
         return self._noted(points)
 
     def _noted(self, points: Points) -> Points:
@@ -91,8 +113,6 @@ class Site:
     def facts(self) -> FileFacts:
         """Return what was read of the files, in their coordinates, and what was assumed."""
         times, first = [time for time, _ in self.files], self.first
-        form = "points" if first.box is None else "cell centres of OpenFOAM"
-        form = "corners of the grid (uniform wind of GADEN)" if self._uniform else form
         if len(times) == 1:
             when, which = "one time, which holds", ""
         else:
@@ -108,7 +128,9 @@ class Site:
         )
         corner = ", ".join(_rounded(x) for x in self.origin)
         eddies = "; eddy viscosity nut" if first.eddy_viscosity is not None else ""
-        text = f"{when}; {len(first.place):,} {form}, {self.fastest:.3g} m/s at most{which}, {box}{eddies}"
+        text = (
+            f"{when}; {len(first.place):,} {self.form}, {self.fastest:.3g} m/s at most{which}, {box}{eddies}"
+        )
         return FileFacts(f"{text}; the domain begins at ({corner})", tuple(self.remarks))
 
     def _check(self, points: Points) -> None:
@@ -125,9 +147,10 @@ class Site:
             )
         if points.kind != first.kind:
             raise WindFileError(f"{path}: has other columns than {first.path.name}: z, w or nut")
-        if len(points.place) != len(first.place):
+        count, known = (len(of.place) + of.left_out for of in (points, first))
+        if count != known:
             raise WindFileError(
-                f"{path}: has {len(points.place)} points, but {first.path.name} has {len(first.place)}; is it whole?"
+                f"{path}: has {count} points, but {first.path.name} has {known}; is it whole?"
             )
 
     def places(self, grid: Grid, face: int | None = None) -> list[np.ndarray]:

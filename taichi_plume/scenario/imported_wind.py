@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 import psutil
+from pydantic import Field
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context
@@ -42,9 +43,17 @@ class ImportedWind(AnyWind, Played):
     """Time of the last file that `loop` repeats; later files are not played. Unless given, the last of all."""
     origin: si.Point | None = None
     """Where the domain's lower corner lies in the files. Unless given, the lower corner of the occupancy grid, or
-    without one that of the points."""
+    without one that of the mesh or points."""
     height: si.Coordinate | None = None
     """Height z in the files at which a 2-D run cuts them; unless given, the middle of the points."""
+    columns: dict[Literal["x", "y", "z", "u", "v", "w", "nut"], str] = Field(default_factory=dict)
+    """Names of a table's columns for x, y, z, u, v, w and nut, with or without a unit, such as {x: "pos [mm]"}. Unless
+    given, they are found by the names that programs write."""
+    points: Literal["nodes", "centres"] | None = None
+    """Meaning of a table's points: nodes lie on the boundary of the flow, centres of cells half a cell inside. Unless
+    given, the header or the positions of the points say it."""
+    missing: tuple[float, ...] = ()
+    """Numbers in a table that mean no velocity, besides -999 and -9999. Such points are left out."""
     occupancy: FileName | None = None
     """Path of an OccupancyGrid3D.csv of GADEN's: obstacles besides the scenario's own. A config.yaml or
     preproc_params.yaml of GADEN's stands for the grid of the STL models that it lists."""

@@ -35,7 +35,7 @@ def case(folder: Path, times: Any = ("1",), system: dict[str, str] | None = None
 
 
 def site(folder: Path, files: str = "case", dim: int = 3, **keys: Any) -> Site:
-    return Site(ImportedWind(kind="imported", files=files, **keys), dim, folder)
+    return Site(ImportedWind(kind="imported", files=files, **keys), (1.0,) * dim, folder)
 
 
 def test_the_extent_is_that_of_the_mesh(tmp_path):

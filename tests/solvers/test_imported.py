@@ -89,7 +89,7 @@ def imported(folder: Path, *overrides: str) -> SimpleNamespace:
     """The air of such a simulation, without its gas."""
     scenario = scenario_in(folder, *overrides)
     assert isinstance(scenario.wind, ImportedWind)
-    grid, site = Grid.of(scenario.domain), Site(scenario.wind, scenario.domain.dim, folder)
+    grid, site = Grid.of(scenario.domain), Site(scenario.wind, scenario.domain.extent, folder)
     air = air_of([], grid, left=site.cubes.shares(grid) if site.cubes else None)
     wind = ImportedFlow(scenario.wind, ImportedFilm(site, grid, air), grid)
     return SimpleNamespace(model=scenario.wind, grid=grid, air=air, wind=wind)
@@ -293,5 +293,6 @@ def test_films_of_imported_air_can_be_played(case):
     scenario = load_scenario("room.yaml", [wind])
     sim = assemble(scenario, case)
     assert divergence(sim.wind) < 1e-5
-    film = ImportedFilm(Site(ImportedWind(kind="imported", files="wind_0.csv"), 3, case), sim.grid, sim.air)
+    site = Site(ImportedWind(kind="imported", files="wind_0.csv"), sim.grid.extent, case)
+    film = ImportedFilm(site, sim.grid, sim.air)
     np.testing.assert_array_equal(sim.grid.read(sim.wind.u[0], 1)[1:], film.frame(0, ["u_face"])["u_face"])
