@@ -96,7 +96,9 @@ def _of_bags(group: argparse._ArgumentGroup) -> None:
         "--wind": "of wind, for each --topic (default: its neighbour, if there is any)",
     }.items():
         option(group, name, str, "TOPIC", what, action="append", default=[])
-    option(group, "--frame", str, "NAME", "frame of the map (default: map)", default="map")
+    what = "a number in messages of any type, such as /enose.data[0]; may be repeated"
+    option(group, "--reading", str, "FIELD", what, action="append", default=[])
+    option(group, "--frame", str, "NAME", "frame of positions (default: map, or else that of the poses)")
     option(group, "--sensor", whole_number(0, 1000), "N", "index in a GasSensorArray, from 0 on")
     what = "of gas, instead of the unit of the messages; plain numbers are ppm by default"
     group.add_argument("--units", choices=tuple(UNITS), help=what)
@@ -121,9 +123,17 @@ def named_columns(texts: Sequence[str]) -> dict[str, str]:
 
 def bag_options(args: argparse.Namespace) -> BagOptions:
     """Return the topics, frames, sensor and units by which a ROS bag is read, from the parsed command line."""
-    topics, poses, wind = tuple(args.topic), tuple(args.pose), tuple(args.wind)
     return BagOptions(
-        topics, poses, wind, args.frame, args.sensor, args.units, args.model, args.air, args.upwind
+        tuple(args.topic),
+        tuple(args.pose),
+        tuple(args.wind),
+        args.frame,
+        args.sensor,
+        args.units,
+        args.model,
+        args.air,
+        args.upwind,
+        reading=tuple(args.reading),
     )
 
 

@@ -8,7 +8,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from taichi_plume.files.bags import Bag, BagError, stamp_of
-from taichi_plume.files.tables import listed
 
 KIND = "tf2_msgs/msg/TFMessage"
 STATIC = "tf_static"
@@ -83,19 +82,32 @@ class Frames:
             frame = self.links[frame].parent
         return found
 
-    def require(self, frame: str) -> None:
-        """Raise BagError if the bag's transforms do not contain this frame; accept any frame if there are none."""
-        known = {*self.links, *(link.parent for link in self.links.values())}
-        if known and plain_name(frame) not in known:
-            raise BagError(f"{self.path}: has no frame '{frame}'; it has {listed(sorted(known))}")
+    @property
+    def names(self) -> set[str]:
+        """Names of all frames in the bag's transforms."""
+        return {*self.links, *(link.parent for link in self.links.values())}
+
+    def root(self, frame: str) -> str:
+        """Return the frame's ancestor that has no parent; the frame itself if there is none, or frames form a loop."""
+        at = plain_name(frame)
+        for _ in range(DEEPEST):
+            if at not in self.links or at in self.torn:
+                return at
+            at = self.links[at].parent
+        return plain_name(frame)
 
     def carrier(self, chain: list[str]) -> str | None:
         """Return the body frame of a robot: a chain's first frame that moves in its parent; None if all are static."""
         return next((frame for frame in chain if not self.links[frame].static), None)
 
-    def pose(self, chain: list[str], times: np.ndarray) -> Pose:
-        """Return the pose of a chain's first frame at `times` [s], in the parent of the chain's last frame."""
+    def pose(self, chain: list[str], times: np.ndarray, body: Pose | None = None) -> Pose:
+        """Return the pose of a chain's first frame at `times` (n,) [s], in the parent of the chain's last frame.
+
+        body: poses (n) in the first frame, which are returned in that parent instead.
+        """
         place, turn = np.zeros((len(times), 3)), Rotation.identity(len(times))
+        if body is not None:
+            place, turn = body.place, Rotation.from_rotvec(np.outer(body.heading, [0.0, 0.0, 1.0]))
         for frame in chain:
             there, turned = self.links[frame].at(times)
             place, turn = turned.apply(place) + there, turned * turn

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from taichi_plume.files import ros_messages as ros
+from taichi_plume.files.bag_fields import suggestions
 from taichi_plume.files.bags import Bag, BagError
 from taichi_plume.files.tables import listed
 
@@ -13,6 +14,7 @@ POSES = (
     "geometry_msgs/msg/PoseWithCovarianceStamped",
     "geometry_msgs/msg/PoseStamped",
 )
+NO_POSE = ("goal", "initialpose", "initial_pose")  # names of topics with poses that are set, not measured
 WINDS = (ros.ANEMOMETER, "geometry_msgs/msg/Vector3Stamped", "geometry_msgs/msg/TwistStamped")
 """Accepted types, preferred types first."""
 
@@ -30,21 +32,29 @@ def chosen(bag: Bag, given: Sequence[str], kinds: Sequence[str], what: str, opti
         if topics:
             return topics
     has = listed([f"{topic} ({kind.replace('/msg/', '/')})" for topic, kind in sorted(bag.kinds.items())])
-    raise BagError(f"{bag.path}: has no topic of {what} of a type that is known; it has {has or 'none'}")
+    numbers = suggestions(bag) if kinds == GAS else ""
+    hint = f"; name a number by --reading, such as {numbers}" if numbers else ""
+    raise BagError(
+        f"{bag.path}: has no topic of {what} of a type that is known; it has {has or 'none'}{hint}"
+    )
 
 
-def pose_topic_of(bag: Bag, gas: str, given: str | None) -> str:
-    """Return the pose topic for a gas topic: the given one, or that with the most similar name. Raises BagError."""
-    if given:
-        bag.require(given, POSES)
-        return given
+def pose_topics(bag: Bag, gas: str, alone: bool) -> list[str]:
+    """Return the pose topics that may be of the robot of a gas topic: those whose names share most with its name.
+
+    alone: whether the bag has one robot, to which topics of enclosing namespaces, such as /amcl_pose, belong too.
+    """
     poses = bag.of_kind(*POSES)
-    poses = [topic for topic in poses if "goal" not in topic.lower()] or poses  # goals are no measured poses
+    poses = [topic for topic in poses if not any(word in topic.lower() for word in NO_POSE)] or poses
     if not poses:
-        raise BagError(
-            f"{bag.path}: has no poses for {gas}: neither frames that lead to it nor a topic of them"
-        )
-    near = _nearest(gas, poses)
+        return []
+    around = [topic for topic in poses if alone and _shared(gas, topic) == topic.strip("/").count("/")]
+    return list(dict.fromkeys([*_nearest(gas, poses), *around]))
+
+
+def best_pose_topic(bag: Bag, gas: str, topics: Sequence[str]) -> str:
+    """Return that of these pose topics whose name shares most with a gas topic, preferred types first."""
+    near = _nearest(gas, topics)
     best = min(POSES.index(bag.kinds[topic]) for topic in near)
     near = [topic for topic in near if bag.kinds[topic] == POSES[best]]
     return _only(bag, near, f"several topics of poses for {gas}", "--pose")

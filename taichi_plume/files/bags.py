@@ -51,15 +51,20 @@ class Sample(NamedTuple):
 class Series:
     """Values of all messages of a ROS topic, in the order of the bag.
 
-    stamp: header times, 0 if missing; logged: times of recording, both (n,) [s]; values (n, k); frame: that of the
-    first message.
+    stamp: header times, 0 if missing; logged: times of recording, both (n,) [s]; values (n, k); frames: names in the
+    headers, each once, without a leading slash.
     """
 
     topic: str
     stamp: np.ndarray
     logged: np.ndarray
-    frame: str
+    frames: tuple[str, ...]
     values: np.ndarray
+
+    @property
+    def frame(self) -> str:
+        """First frame that a header names, "" if none does."""
+        return next(iter(self.frames), "")
 
     @property
     def is_stamped(self) -> bool:
@@ -90,7 +95,18 @@ class Bag:
         for n, (connection, t, data) in enumerate(self.reader.messages(chosen) if chosen else ()):
             if n >= MOST_MESSAGES:
                 raise BagError(f"{self.path}: {connection.topic} has more than {MOST_MESSAGES:,} messages")
+            if connection.msgtype not in self.reader.typestore.fielddefs:
+                raise BagError(
+                    f"{self.path}: {connection.topic} is of type {connection.msgtype}, whose definition the bag does "
+                    "not hold; record or convert it to MCAP (ros2 bag convert), which stores definitions"
+                )
             yield connection.topic, 1e-9 * t, self.reader.deserialize(data, connection.msgtype)
+
+    def first(self, topic: str) -> ros.Message:
+        """Return the first message of a topic. Raises BagError."""
+        for _, _, message in self.messages(topic):
+            return message
+        raise BagError(f"{self.path}: {topic} has no messages")
 
     def series(self, topic: str, get: Callable[[ros.Message], Sample]) -> Series:
         """Return the values of all messages of a topic; get: extracts them from a message. Raises BagError."""
@@ -99,7 +115,13 @@ class Bag:
             raise BagError(f"{self.path}: {topic} has no messages")
         logged, stamp, frames, values = zip(*rows, strict=True)
         table = np.array(values, float).reshape(len(rows), -1)
-        return Series(topic, np.array(stamp, float), np.array(logged, float), frames[0], table)
+        names = tuple(dict.fromkeys(frame.lstrip("/") for frame in frames if frame.strip("/")))
+        return Series(topic, np.array(stamp, float), np.array(logged, float), names, table)
+
+    def require_one_frame(self, series: Series, hint: str = "") -> None:
+        """Raise BagError if the headers of a topic name several frames."""
+        if len(series.frames) > 1:
+            raise BagError(f"{self.path}: {series.topic} is in several frames, {listed(series.frames)}{hint}")
 
     def require(self, topic: str, kinds: Iterable[str]) -> None:
         """Raise BagError unless the bag has this topic with one of these message types."""

@@ -190,8 +190,13 @@ def _bag(path: Path, options: BagOptions | None) -> Columns:
     ]
     names = ("t", "x", "y", "reading", "wind_x", "wind_y", "group")
     columns = map(np.concatenate, zip(*rows, strict=True))
+    assumed: dict[str, list[str]] = {}
+    for robot in robots:
+        for remark in robot.remarks:
+            assumed.setdefault(remark, []).append(robot.name)
+    remarks = tuple(f"{listed(of)}: {remark}" for remark, of in assumed.items())
     lines = tuple(f"{robot.name}: {robot.topics}" for robot in robots)
-    return Columns(dict(zip(names, columns, strict=True)), {name: name for name in names}, (), lines)
+    return Columns(dict(zip(names, columns, strict=True)), {name: name for name in names}, remarks, lines)
 
 
 def _csv(path: Path, given: Mapping[str, str], missing: Sequence[float]) -> Columns:

@@ -1,6 +1,8 @@
 """Bags of others: what is read of them, where the robots are by frames or poses, and what is wrong with some."""
 
 import shutil
+import sqlite3
+from contextlib import closing
 from math import cos, pi, sin
 from typing import Any
 
@@ -50,7 +52,8 @@ def test_poses_are_interpolated_to_the_times_of_readings(storage, version, tmp_p
     (file,) = [one for one in folder.iterdir() if one.suffix in bags.FILES]
     for path in (folder, file):
         (one,) = bag_readings.read(path)
-        assert (one.name, one.topics) == ("robot", "gas of /gas, places of /odom, wind of /wind")
+        assert (one.name, one.frame) == ("robot", "odom")
+        assert one.topics == "gas of /gas in ppm, positions of /odom in frame odom, wind of /wind"
         np.testing.assert_allclose(one.read_at, AT)
         np.testing.assert_allclose(one.ppm, 10.0 * AT)
         np.testing.assert_allclose(one.at, np.stack([0.2 * AT, np.ones_like(AT)], axis=-1))
@@ -88,7 +91,8 @@ def test_frames_lead_to_the_sensor(tmp_path):
     (other,) = bag_readings.read(tmp_path / "a", BagOptions(frame="odom"))
     np.testing.assert_allclose(other.place, np.outer(other.t, [0.4, 0.0, 0.0]), atol=1e-6)
     (by_topic,) = bag_readings.read(tmp_path / "a", BagOptions(gas=("/r/gas",), pose=("/r/odom",)))
-    np.testing.assert_allclose(by_topic.at[:, 0], 0.2 * AT)
+    np.testing.assert_allclose(by_topic.at[:, 0], 1.0 + 0.1 * AT - 1.0, atol=1e-6)
+    np.testing.assert_allclose(by_topic.at[:, 1], 0.5 + 0.2 * AT, atol=1e-6)
 
 
 LAW: dict[str, Any] = {"raw_air": 5e4, "calib_a": 3.0, "calib_b": -0.7}
@@ -147,7 +151,9 @@ def test_several_robots_are_groups(tmp_path):
     bag = write(tmp_path / "a", messages)
     both = read(bag)
     assert len(both.t) == 2 * len(AT)
-    assert [line.split(":")[0] for line in both.topics] == ["fleet/r2", "r1"]
+    assert [line.split(":")[0] for line in both.topics] == ["fleet/r2", "r1", "fleet/r2, r1", "fleet/r2, r1"]
+    assert "in frame odom" in both.topics[2]
+    assert "name no frame" in both.topics[3]
     second = read(bag, group="fleet/r2")
     np.testing.assert_allclose(second.place[:, 1], 2.0)
     np.testing.assert_allclose(second.wind, np.tile([-0.3, 0.0], (len(AT), 1)), atol=1e-6)
@@ -188,7 +194,7 @@ def test_a_robot_of_several_noses(tmp_path):
     bag = write(tmp_path / "a", [*poses("/r1/odom"), *both])
     assert len(read(bag).t) == 2 * len(AT)
     np.testing.assert_allclose(read(bag, group="r1/gas_raw").reading, 0.01 * AT)
-    assert read(bag, options=BagOptions(gas=("/r1/gas",))).topics[0].startswith("r1: gas of /r1/gas, ")
+    assert read(bag, options=BagOptions(gas=("/r1/gas",))).topics[0].startswith("r1: gas of /r1/gas in ppm, ")
 
 
 def test_a_bag_of_ros_1(tmp_path):
@@ -252,7 +258,7 @@ def test_a_sensor_that_stands_has_no_robot(tmp_path):
     np.testing.assert_allclose(one.at, np.tile([3.0, 2.0], (len(AT), 1)))
     (same,) = bag_readings.read(tmp_path / "a", BagOptions(frame="/map"))
     np.testing.assert_allclose(same.at, one.at)
-    with pytest.raises(BagError, match="has no frame 'world'; it has a, cup, map, post"):
+    with pytest.raises(BagError, match="has no frame 'world'; it has a, cup, map, odom, post"):
         bag_readings.read(tmp_path / "a", BagOptions(frame="world"))
 
 
@@ -270,6 +276,244 @@ def test_a_robot_with_several_sensors_goes_one_way(tmp_path):
     assert [one.name for one in bag_readings.read(bag, BagOptions(lenient=True))] == ["r2", "r10"]
     assert [one.name for one in bag_readings.read(bag)] == ["r2/gas", "r2/gas_1", "r10/gas", "r10/gas_1"]
     assert len(read(bag, group="r2").t) == 2 * len(AT)
+
+
+# ---------------------------------------------------------------- frames
+
+
+def in_map(topic, kind, frame="map", y=2.5):
+    """Poses in the frame of the map of the robot of `poses`: 1 m ahead, along x."""
+    return [(t, topic, pose(t, 1.0 + 0.2 * t, y, 0.0, kind, frame)) for t in np.arange(0.0, 6.0, 1.0)]
+
+
+CORRECTION = [(t, "/tf", transforms(t, ("map", "odom", 4.0, -1.0, pi / 2))) for t in (0.0, 9.0)]
+LOCALISED = "geometry_msgs/msg/PoseWithCovarianceStamped"
+
+
+@pytest.mark.parametrize("frame", ["map", "/map"])
+@pytest.mark.parametrize(
+    ("topic", "gas_topic"), [("/amcl_pose", "/gas"), ("/amcl_pose", "/r/gas"), ("/r/slam", "/r/gas")]
+)
+def test_the_frame_of_poses_decides_before_their_type(topic, gas_topic, frame, tmp_path):
+    odometry = gas_topic.replace("gas", "odom")
+    set_by_hand = (0.5, "/initialpose", pose(0.5, 9.0, 9.0, 0.0, LOCALISED, "map"))
+    messages = [*poses(odometry), *in_map(topic, LOCALISED, frame), set_by_hand, *readings(gas_topic)]
+    bag = write(tmp_path / "a", messages)
+    (one,) = bag_readings.read(bag)
+    assert (one.frame, one.remarks) == ("map", ())
+    np.testing.assert_allclose(one.at, np.column_stack([1.0 + 0.2 * AT, np.full(len(AT), 2.5)]))
+    (other,) = bag_readings.read(bag, BagOptions(frame="odom"))
+    assert (other.frame, other.remarks) == ("odom", ())
+    np.testing.assert_allclose(other.at, np.column_stack([0.2 * AT, np.ones(len(AT))]))
+    (given,) = bag_readings.read(bag, BagOptions(pose=(odometry,)))
+    assert given.frame == "odom"
+    assert "positions are in frame odom" in given.remarks[0]
+    with refused(BagError, bag, f"no pose leads from {gas_topic} to frame 'map'; it has map, odom"):
+        bag_readings.read(bag, BagOptions(pose=(odometry,), frame="map"))
+    with refused(BagError, bag, "has no frame 'earth'; it has map, odom"):
+        bag_readings.read(bag, BagOptions(frame="earth"))
+
+
+def test_transforms_correct_poses_of_odometry(tmp_path):
+    """x of odom is y of the map."""
+    bag = write(tmp_path / "a", [*CORRECTION, *poses(), *readings()])
+    (one,) = bag_readings.read(bag)
+    assert (one.frame, one.remarks) == ("map", ())
+    np.testing.assert_allclose(one.at, np.column_stack([np.full(len(AT), 3.0), -1.0 + 0.2 * AT]), atol=1e-9)
+    np.testing.assert_allclose(np.unwrap(one.heading), pi / 2 + 0.4 * one.t)
+    (same,) = bag_readings.read(bag, BagOptions(lenient=True))
+    np.testing.assert_allclose(same.place, one.place)
+
+
+@pytest.mark.parametrize(("localised", "frame"), [(True, "map"), (False, "odom")])
+def test_poses_without_gas_are_in_the_frame_of_the_map_too(localised, frame, tmp_path):
+    messages = [*poses(), *(in_map("/amcl_pose", LOCALISED) if localised else ())]
+    (one,) = bag_readings.read(write(tmp_path / "a", messages), BagOptions(lenient=True))
+    assert one.frame == frame
+    assert len(one.remarks) == (not localised)
+    assert one.place[0, 1] == (2.5 if localised else 1.0)
+
+
+def test_the_frames_of_a_bag_without_map_lead_to_their_root(tmp_path):
+    moving = [(t, "/tf", transforms(t, ("world", "base", 0.3 * t, 1.5, 0.0))) for t in np.arange(0.0, 6.0)]
+    (one,) = bag_readings.read(write(tmp_path / "a", [*moving, *readings(frame="base")]))
+    assert one.frame == "world"
+    assert "positions are in frame world" in one.remarks[0]
+    np.testing.assert_allclose(one.at, np.column_stack([0.3 * AT, np.full(len(AT), 1.5)]))
+
+
+@pytest.mark.parametrize("topic", ["/gas", "/odom"])
+def test_a_topic_in_several_frames_is_refused(topic, tmp_path):
+    """Where its values are is then unknown."""
+    messages = [*poses(), *readings(frame="a")]
+    other = gas(5.5, 1.0, frame="b") if topic == "/gas" else pose(5.7, 1.0, 1.0, 0.0, frame="map")
+    bag = write(tmp_path / "a", [*messages, (5.9, topic, other)])
+    with refused(
+        BagError, bag, f"{topic} is in several frames, {'a, b' if topic == '/gas' else 'odom, map'}"
+    ):
+        bag_readings.read(bag)
+
+
+def test_a_robot_does_not_take_the_poses_of_another(tmp_path):
+    """Even if those are in the frame of the map."""
+    messages = [
+        *poses("/r1/odom"),
+        *in_map("/r1/amcl", LOCALISED),
+        *poses("/r2/odom"),
+        *in_map("/amcl", LOCALISED),
+    ]
+    bag = write(tmp_path / "a", [*messages, *readings("/r1/gas"), *readings("/r2/gas")])
+    assert [one.frame for one in bag_readings.read(bag)] == ["map", "odom"]
+
+
+# ---------------------------------------------------------------- numbers of any message
+
+
+def enose(t, *values):
+    return ros.message("std_msgs/msg/Float64MultiArray", data=np.array(values))
+
+
+def test_a_number_in_a_list_is_named(tmp_path):
+    """Of several numbers each is a robot; a list that is empty at the start has no readings there."""
+    numbers = [(0.25, "/r/enose", enose(0.25)), *[(t, "/r/enose", enose(t, 5.0, 4.0 * t)) for t in AT]]
+    bag = write(tmp_path / "a", [*numbers, *in_map("/r/pose", POSE)])
+    (one,) = bag_readings.read(bag, BagOptions(reading=("/r/enose.data[1]",)))
+    np.testing.assert_allclose(one.ppm, [np.nan, *(4.0 * AT)])
+    np.testing.assert_allclose(one.read_at[1:], AT)
+    assert (one.name, one.topics.split(",")[0]) == ("r", "gas of /r/enose.data[1] in ppm")
+    for part in (
+        "is assumed to be ppm",
+        "1 of 19 values",
+        "times of /r/enose.data[1] are those of recording",
+    ):
+        assert any(part in remark for remark in one.remarks)
+    both = bag_readings.read(bag, BagOptions(reading=("/r/enose.data[0]", "/r/enose.data[1]"), units="ppb"))
+    assert [robot.name for robot in both] == ["r/enose.data[0]", "r/enose.data[1]"]
+    np.testing.assert_allclose(both[0].ppm[1:], 0.005)
+    assert not any("assumed" in remark for robot in both for remark in robot.remarks)
+    raw = BagOptions(reading=("/r/enose.data[0]",), units="ohm", model="tgs2620", air=10.0)
+    np.testing.assert_allclose(
+        bag_readings.read(bag, raw)[0].ppm[1:], 4.32 * (2 ** (1 / 0.7155) - 1), rtol=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "reported"),
+    [
+        (
+            "/enose",
+            "--reading /enose: is no field such as /enose.data[0]; name a number in its messages, such as /enose.da",
+        ),
+        ("/nose.data[0]", "has no topic '/nose'; it has /enose, /odom"),
+        ("/enose.values[0]", "/enose has no field 'values'; it has layout, data"),
+        ("/enose.data", "/enose.data is no number but a list of 2; give an index"),
+        ("/enose.data[2]", "the list has at most 2 entries, counted from 0"),
+        ("/enose.data[0].ppm", "/enose.data[0] has no field 'ppm'; it has no fields"),
+        ("/enose.layout", "is no number but a message with dim, data_offset"),
+        ("/odom.child_frame_id", "/odom.child_frame_id is no number but a text"),
+        ("/odom.child_frame_id[0]", "/odom.child_frame_id is no list"),
+        ("/enose.data[-1]", "is no field such as /enose.data[0]"),
+        ("/enose data", "has no topic '/enose data'"),
+    ],
+)
+def test_what_names_no_number_is_refused(text, reported, tmp_path):
+    bag = write(tmp_path / "a", [*poses(), *[(t, "/enose", enose(t, 1.0, 2.0)) for t in AT]])
+    with refused(BagError, bag, reported):
+        bag_readings.read(bag, BagOptions(reading=(text,)))
+    with refused(
+        BagError,
+        bag,
+        "(std_msgs/Float64MultiArray), /odom (nav_msgs/Odometry); name a number by --reading, such as /enose.data[0]",
+    ):
+        bag_readings.read(bag)
+
+
+CUSTOM = "std_msgs/Header header\nlab_msgs/Channel[] channels\nbool valid\n"
+CHANNEL = "string gas\nfloat32 ppb\nfloat64[2] at\n"
+
+
+def custom_bag(path, storage, ros1=False):
+    """A bag with messages of types that no library knows: in MCAP and in ROS 1 with their definitions."""
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import StoragePlugin
+    from rosbags.rosbag2 import Writer as Writer2
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
+    whole = CUSTOM.replace("std_msgs/Header", "Header") if ros1 else CUSTOM
+    store.register(get_types_from_msg(CHANNEL, "lab_msgs/msg/Channel"))
+    store.register(get_types_from_msg(whole, "lab_msgs/msg/Air"))
+    of = {name.rpartition("/")[2]: kind for name, kind in store.types.items() if name != "std_msgs/msg/Time"}
+    writer = Writer1(path) if ros1 else Writer2(path, version=8, storage_plugin=StoragePlugin[storage])
+    pack = store.serialize_ros1 if ros1 else store.serialize_cdr
+    with writer:
+        topics = {
+            name: writer.add_connection(name, kind, typestore=store)
+            for name, kind in (("/air", "lab_msgs/msg/Air"), ("/pose", POSE))
+        }
+        for n, t in enumerate(np.arange(0.0, 6.0, 0.25)):
+            stamp = of["Time"](sec=int(t) + 100, nanosec=round(t % 1 * 1e9))
+            head, there = (of["Header"](*((n,) if ros1 else ()), stamp, frame) for frame in ("nose", "map"))
+            channels: Any = [
+                of["Channel"](gas, 1e3 * k * (1 + t), np.array([t, k])) for k, gas in enumerate("ab")
+            ]
+            at = of["Pose"](of["Point"](0.2 * t, 1.0, 0.0), of["Quaternion"](0.0, 0.0, 0.0, 1.0))
+            for name, message in (
+                ("/air", of["Air"](head, channels, True)),
+                ("/pose", of["PoseStamped"](there, at)),
+            ):
+                writer.write(topics[name], round(t * 1e9), bytes(pack(message, message.__msgtype__)))
+    return path
+
+
+@pytest.mark.parametrize(("storage", "ros1"), [("MCAP", False), ("SQLITE3", False), ("", True)])
+def test_a_number_in_a_message_defined_in_the_bag(storage, ros1, tmp_path):
+    bag = custom_bag(tmp_path / ("a.bag" if ros1 else "a"), storage, ros1)
+    if storage == "SQLITE3":  # as ROS recorded before Iron
+        (file,) = bag.glob("*.db3")
+        with closing(sqlite3.connect(file)) as base, base:
+            base.execute("DELETE FROM message_definitions")
+        for options in (BagOptions(), BagOptions(reading=("/air.channels[1].ppb",))):
+            with refused(
+                BagError,
+                bag,
+                "/air is of type lab_msgs/msg/Air, whose definition the bag does not hold|no topic of gas",
+            ):
+                bag_readings.read(bag, options)
+        return
+    (one,) = bag_readings.read(bag, BagOptions(reading=("/air.channels[1].ppb",), units="ppb"))
+    np.testing.assert_allclose(one.ppm, 1.0 + one.read_at - 100.0, rtol=1e-6)
+    np.testing.assert_allclose(one.at[:, 0], 0.2 * (one.read_at - 100.0), atol=1e-9)
+    assert len(one.ppm) == 24
+    (second,) = bag_readings.read(bag, BagOptions(reading=("/air.channels[1].at[1]",)))
+    assert (second.ppm == 1.0).all()
+    for text, reported in (
+        ("/air.valid", "is no number but a truth value"),
+        ("/air.channels[0]", "a message with gas, ppb"),
+    ):
+        with refused(BagError, bag, reported):
+            bag_readings.read(bag, BagOptions(reading=(text,)))
+    with refused(BagError, bag, "name a number by --reading, such as /air.channels[0].ppb"):
+        bag_readings.read(bag)
+
+
+def test_values_that_mean_none_are_left_out(tmp_path):
+    """In the unit of the message, before it is converted."""
+    raw = np.where(np.arange(len(AT)) % 3 == 1, -9999.0, 2000.0 * AT)
+    raw[5] = np.nan
+    messages = [(t, "/gas", gas(t, value, "ppb")) for t, value in zip(AT, raw, strict=True)]
+    (one,) = bag_readings.read(write(tmp_path / "a", [*in_map("/pose", POSE), *messages]))
+    np.testing.assert_allclose(one.ppm, np.where(np.isnan(raw) | (raw < 0), np.nan, 2.0 * AT))
+    (remark,) = one.remarks
+    assert "7 of 18 values of /gas mean none (-9999, nan)" in remark
+
+
+def test_stamps_of_zero_are_none(tmp_path):
+    """If some messages have none, all times are those of recording."""
+    mixed = [(t, "/gas", gas(t + 1e6 if n % 2 else 0.0, t)) for n, t in enumerate(AT)]
+    (one,) = bag_readings.read(write(tmp_path / "a", [*in_map("/pose", POSE), *mixed]))
+    np.testing.assert_allclose(one.read_at, AT)
+    assert "9 of 18 messages have one" in one.remarks[0]
 
 
 # ---------------------------------------------------------------- what is wrong
@@ -300,7 +544,7 @@ LOOP = [(t, "/tf", transforms(t, ("b", "a", 1, 0, 0), ("a", "b", 1, 0, 0))) for 
         ([*readings(), *poses(), *poses("/other")], {}, "several topics of poses for /gas, /odom, /other; choose"),
         ([*floats("/a"), *floats("/b"), *poses()], {}, "several topics that may be gas, /a, /b; choose with --topic"),
         ([*readings(), *poses(), *vectors("/wind1"), *vectors("/wind2")], {}, "several topics of wind for /gas"),
-        ([*readings(), *poses(begin=100.0)], {}, "no reading of /gas (0.5 to 4.75 s) has a pose of /odom (100 to 105"),
+        ([*readings(), *poses(begin=100.0)], {}, "(0.5 to 4.75 s) has a pose of /odom in frame odom (100 to 105.5 s)"),
         ([*readings(units="volt"), *poses()], {}, "the unit of gas is volt, not ppm, ppb or ohm; give --units"),
         ([*readings(units="ohm"), *poses()], {}, "has resistances without calib_a and calib_b; give --model"),
         ([*readings(units="ohm"), *poses()], {"model": "tgs2600"}, "without raw_air, the resistance in clean air"),
