@@ -24,7 +24,7 @@ SUMS = ("n", "a", "b", "aa", "bb", "ab", "apart")  # sums of recorded readings a
 
 
 class ReplayAlgorithm:
-    """Algorithm that moves the robots of a group along recorded paths, `ways`. tick: control period [s]."""
+    """Algorithm that moves the robots of a group along recorded paths. tick: control period [s]; ways: in the domain."""
 
     PER_GROUP: bool = True
     STATE: tuple[str, ...] = ("sums",)
@@ -40,7 +40,7 @@ class ReplayAlgorithm:
         self._told = Rows(swarm, (Columns.reading,), group.start, group.size)
         model = cast(Replay, group.model.algorithm)
         self.chosen = model.chosen(ways, group.count)
-        self.zero, self.origin = model.begin_of(self.chosen), np.array(model.origin)
+        self.zero = model.begin_of(self.chosen)
         self.sums = np.zeros((group.size, len(SUMS)))
         self._order(0.0, tick)
 
@@ -58,7 +58,7 @@ class ReplayAlgorithm:
         ]
         poses = np.array([way.at(now + dt) for way in self.chosen])
         x, y, z, heading = np.tile(poses, (group.trials, 1)).T
-        place, heading = np.stack([x, y], axis=-1) + self.origin, np.mod(heading + np.pi, 2 * np.pi) - np.pi
+        place, heading = np.stack([x, y], axis=-1), np.mod(heading + np.pi, 2 * np.pi) - np.pi
         flown = [z] if group.model.body.flies else []
         self._ordered.write([np.tile(state, group.trials), place, heading, *flown])
 

@@ -264,7 +264,7 @@ def _drivers(
         if path in resources.networks:
             networks[group.name] = resources.networks[path]
         if path in resources.ways:
-            recorded[group.name] = resources.ways[path]
+            recorded[group.name] = resources.recorded_paths(path)
         if kind == "policy" and group.name not in networks:
             what = "none is given, the policy is still to be learnt; learn it in an environment of taichi_plume.envs"
             faults.append(f"{path}.file: {what}")

@@ -13,6 +13,7 @@ from taichi_plume.files.conventions import FileFacts
 from taichi_plume.files.network import Network
 from taichi_plume.files.own_class import CLASSES, Code, LawFile, OwnAlgorithmError, OwnFile, Permission
 from taichi_plume.files.point_frames import PointFileError, PointFrames, frames_of
+from taichi_plume.files.ros_robots import MapFrame
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.external import Replay
@@ -103,6 +104,12 @@ class Resources:
     def standing(self) -> list[Shape | None]:
         """Shape of each obstacle that stands still, None for each moving obstacle."""
         return [shape if shape.model.motion is None else None for shape in self.shapes.values()]
+
+    def recorded_paths(self, path: str) -> "list[Way]":
+        """Recorded paths of the replay section at `path`, in the coordinates of the domain."""
+        model, frame = self.sections[path], MapFrame.of(self.scenario, self.obstacles)
+        assert isinstance(model, Replay)
+        return [way.moved(model.origin or frame.origin_of(way.frame)) for way in self.ways[path]]
 
     def unlike(self, path: str) -> int:
         film = self.films[path]
@@ -253,10 +260,15 @@ def _network(resources: Resources, path: str, model: Policy, folder: Path) -> No
 
 def _ways(resources: Resources, path: str, model: Replay, folder: Path) -> None:
     """Read the recorded trajectories of the robots of a replay section."""
-    from taichi_plume.files.trajectories import WayError, read
+    from taichi_plume.files.bag_readings import BagOptions
+    from taichi_plume.files.trajectories import WayError, facts, read
 
     with _reported(resources, f"{path}.file", WayError):
-        resources.ways[path] = read(folder / model.file, model.frame, model.topics, model.poses)
+        options = BagOptions(
+            model.topics, model.poses, frame=model.frame, units=model.units, reading=model.readings
+        )
+        resources.ways[path] = read(folder / model.file, options)
+        resources.facts[path] = facts(resources.ways[path])
 
 
 OPENERS: dict[type[Model], Callable[[Resources, str, Any, Path], PureGas | None]] = {

@@ -45,6 +45,11 @@ class MapFrame(NamedTuple):
         origin = first.origin or next((plan.origin for plan in plans), None)
         return cls("domain") if origin is None else cls(corner=(float(origin[0]), float(origin[1])))
 
+    def origin_of(self, frame: str | None) -> tuple[float, float]:
+        """Return the position [m] in the domain of a frame's origin: of this frame its own, of others 0."""
+        x, y = self.corner if frame == self.name else (0.0, 0.0)
+        return 0.0 - x, 0.0 - y
+
     def point(self, x: float, y: float, z: float = 0.0) -> dict[str, float]:
         """Return a position in the domain [m] as the fields of a ROS Point in this frame."""
         return {"x": x + self.corner[0], "y": y + self.corner[1], "z": z}

@@ -1,18 +1,29 @@
 """Reader of recorded robot trajectories and gas readings, from a ROS bag or a run's robots.parquet."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
 from taichi_plume.files import bag_readings, bags
 from taichi_plume.files.bag_readings import BagOptions
+from taichi_plume.files.conventions import FileFacts
 from taichi_plume.files.readings import MOST
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.safe_open import unopenable
+from taichi_plume.scenario.domain import span
 
 OF_RUN = ("t", "x", "y", "heading", "reading_ppm")
-KEYS = {"--topic": "topics", "--pose": "poses"}  # options of the maps command, and the keys of a scenario
+KEYS = {  # options of the maps command, and the keys of a scenario
+    "--topic": "topics",
+    "--pose": "poses",
+    "--reading": "readings",
+    "--frame": "frame",
+    "--units": "units",
+}
+UNIX = 1e8  # s: later times are counted from 1970
 
 
 class WayError(ValueError):
@@ -23,7 +34,8 @@ class WayError(ValueError):
 class Way:
     """Trajectory of a robot, sorted by time: t (n,) [s], place (n, 3) [m], heading (n,) [rad], unwrapped.
 
-    Gas readings: read_at (m,) [s], ppm (m,).
+    Gas readings: read_at (m,) [s], ppm (m,). frame: frame of the positions in a bag, None for those of a domain.
+    remarks: what was assumed.
     """
 
     name: str
@@ -32,31 +44,31 @@ class Way:
     heading: np.ndarray
     read_at: np.ndarray
     ppm: np.ndarray
+    frame: str | None = None
+    remarks: tuple[str, ...] = ()
+
+    def moved(self, origin: Sequence[float]) -> "Way":
+        """Return the path in axes in which the origin of its frame lies at `origin`, x and y [m]."""
+        return replace(self, place=self.place + [*origin, 0.0])
 
     def at(self, t: float) -> tuple[float, ...]:
         """Return x, y, z [m] and heading [rad] interpolated to time t [s], constant outside the recorded times."""
         return tuple(float(np.interp(t, self.t, column)) for column in (*self.place.T, self.heading))
 
 
-def read(
-    path: Path, frame: str = "map", topics: tuple[str, ...] = (), poses: tuple[str, ...] = ()
-) -> list[Way]:
-    """Return the trajectories in a file. For a bag: frame of the positions, gas topics, pose topics (`poses`).
+def read(path: Path, options: BagOptions | None = None) -> list[Way]:
+    """Return the trajectories in a file; options: for a bag. Readings that cannot be converted to ppm are left out.
 
-    Readings that cannot be converted to ppm are left out. Raises WayError.
+    Raises WayError, whose text names the keys of a scenario.
     """
     is_bag = bags.is_bag(path)
     reason = None if is_bag else unopenable(path)
     if reason:
         raise WayError(f"{path}: {reason}")
     try:
-        options = BagOptions(topics, poses, frame=frame, lenient=True)
-        ways = _of_bag(path, options) if is_bag else _of_run(path)
+        ways = _of_bag(path, options or BagOptions()) if is_bag else _of_run(path)
     except (bags.BagError, RunFolderError) as error:
-        text = str(error)
-        for option, key in KEYS.items():
-            text = text.replace(option, key)
-        raise WayError(text) from None
+        raise WayError(_by_keys(str(error))) from None
     if not ways or any(not len(way.t) for way in ways):
         raise WayError(f"{path}: has no pose of a robot")
     for way in ways:
@@ -71,9 +83,45 @@ def read(
     return ways
 
 
+def facts(ways: Sequence[Way]) -> FileFacts:
+    """Return what was read of recorded robots: times, frame, range of positions, readings."""
+    first, last = min(way.t[0] for way in ways), max(way.t[-1] for way in ways)
+    start = f"{first:.6g} s"
+    if first > UNIX:
+        start = datetime.fromtimestamp(float(first), UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+    low, high = (
+        function([function(way.place, axis=0) for way in ways], axis=0) for function in (np.min, np.max)
+    )
+    frames = sorted({"the domain" if way.frame is None else f"frame {way.frame}" for way in ways})
+    readings = sum(len(way.ppm) for way in ways)
+    gas = (
+        f"{readings:,} readings of at most {max(way.ppm.max(initial=0.0) for way in ways):.4g} ppm"
+        if readings
+        else ""
+    )
+    text = ", ".join(
+        [
+            f"{len(ways)} robot{'s' if len(ways) > 1 else ''}",
+            f"{last - first:.6g} s from {start}",
+            f"positions in {' and '.join(frames)}",
+            *(span(axis, a, b) for axis, a, b in zip("xyz", low, high, strict=True) if axis != "z" or a or b),
+            gas or "no readings",
+        ]
+    )
+    assumed = [f"{way.name}: {_by_keys(remark)}" for way in ways for remark in way.remarks]
+    return FileFacts(text, tuple(assumed))
+
+
+def _by_keys(text: str) -> str:
+    for option, key in KEYS.items():
+        text = text.replace(option, key)
+    return text
+
+
 def _of_bag(path: Path, options: BagOptions) -> list[Way]:
-    robots = bag_readings.read(path, options)
-    return [_way(r.name, r.t, r.place, r.heading, r.read_at, r.ppm) for r in robots]
+    robots = bag_readings.read(path, replace(options, lenient=True))
+    ways = [_way(r.name, r.t, r.place, r.heading, r.read_at, r.ppm) for r in robots]
+    return [replace(way, frame=r.frame, remarks=r.remarks) for way, r in zip(ways, robots, strict=True)]
 
 
 def _of_run(path: Path) -> list[Way]:

@@ -56,10 +56,16 @@ class Replay(AnyAlgorithm):
     poses: Annotated[tuple[str, ...], Field(max_length=1000)] = ()
     """Topics of poses in a bag, one for each topic of gas. Unless given, frames of the bag give the poses or, without
     frames, the topic of poses with the most similar name."""
-    frame: str = "map"
-    """Frame of a bag to which the robots' positions refer."""
-    origin: si.Point2 = (0.0, 0.0)
-    """Position of that frame's origin in the domain, x and y."""
+    readings: Annotated[tuple[str, ...], Field(max_length=1000)] = ()
+    """Numbers in messages of any type that are gas readings, by topic and field, such as `/enose.data[0]`."""
+    units: Literal["ppm", "ppb"] | None = None
+    """Unit of the gas in a bag; unless given, that of the messages or, if they have none, ppm."""
+    frame: str | None = None
+    """Frame of a bag to which the robots' positions refer. Unless given, it is `map` or, in a bag without it, the frame
+    of the poses, with a note."""
+    origin: si.Point2 | None = None
+    """Position of that frame's origin in the domain, x and y. Unless given, positions in `map` are those of the
+    scenario's first map of ROS; without one, and in other frames, the origin is the domain's lower corner."""
     start: si.Delay = 0.0
     """Time of the recording, since the first pose of these robots, at which the run starts."""
 
@@ -98,6 +104,13 @@ class Replay(AnyAlgorithm):
                 share = 100 * (1.0 - inside.mean())
                 yield f"{where}.file: {name} is not in the domain for {share:.0f} % of its poses"
         chosen = self.chosen(context.resources.ways[where], _group(where, context).count)
+        unplaced = {path.frame for path in chosen} - {None, "map", "domain"}
+        if unplaced and self.origin is None:
+            names = " and ".join(sorted(map(str, unplaced)))
+            yield (
+                f"{where}.origin: the positions are in frame {names}, whose origin is assumed at the domain's lower "
+                "corner; give its position in the domain"
+            )
         first = min(chosen, key=lambda path: path.t[-1])
         name, end = f"{first.name} in {self.file}", float(first.t[-1]) - self.begin_of(chosen)
         yield from ends_early(f"{where}.file", name, end, "the robot stands at its last pose", context)
@@ -105,8 +118,8 @@ class Replay(AnyAlgorithm):
     def _positions(self, where: str, context: Context) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
         """Yield for each robot: name, recorded positions (n, 2) [m], and whether each is inside the domain (n,)."""
         size = np.array(context.domain.extent[:2])
-        for path in self.chosen(context.resources.ways[where], _group(where, context).count):
-            position = path.place[:, :2] + self.origin
+        for path in self.chosen(context.resources.recorded_paths(where), _group(where, context).count):
+            position = path.place[:, :2]
             yield path.name, position, np.asarray(((position > 0.0) & (position < size)).all(axis=1))
 
     def chosen(self, recorded: "Sequence[Way]", count: int) -> "list[Way]":

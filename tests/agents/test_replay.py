@@ -11,6 +11,7 @@ from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.preparation import checked
 from taichi_plume.execution.result import _beside_recorded
 from taichi_plume.execution.summary import _recorded_line
+from taichi_plume.files.bag_readings import BagOptions
 from taichi_plume.files.trajectories import WayError, read
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
@@ -180,7 +181,7 @@ def test_gas_that_cannot_be_read_does_not_stop_a_replay(tmp_path):
         WayError, match=r"several topics of poses for /gas, /a/pose, /b/pose; choose with poses$"
     ):
         read(tmp_path / "bag")
-    (one,) = read(tmp_path / "bag", poses=("/b/pose",))
+    (one,) = read(tmp_path / "bag", BagOptions(pose=("/b/pose",)))
     assert len(one.ppm) == 0
     np.testing.assert_allclose(one.place, [(*way("b", t)[:2], 0.0) for t in TIMES])
 
