@@ -6,6 +6,9 @@ from typing import Any, NamedTuple
 
 from taichi_plume.assembly.resources import OPENERS, Resources
 from taichi_plume.files.bundled import file_or_example
+from taichi_plume.files.conventions import FileFacts
+from taichi_plume.grid.floor_plans import FloorPlan
+from taichi_plume.grid.meshes import Solid
 from taichi_plume.grid.shapes import ShapeError
 from taichi_plume.guard.safe_open import as_path, gate
 from taichi_plume.scenario import checks
@@ -200,7 +203,9 @@ def prepare(
             continue
         try:
             with gate(None if path in free else folder) as resources.files[path]:
-                resources.shapes[path] = shape(obstacle, scenario.domain, folder)
+                found = resources.shapes[path] = shape(obstacle, scenario.domain, folder)
+                if isinstance(found, FloorPlan | Solid):
+                    resources.facts[path] = FileFacts(found.text, found.remarks)
         except ShapeError as error:
             resources.faults[path] = str(error)
     for path, section in checks.every(scenario):

@@ -223,10 +223,10 @@ def _triangles(path: Path, config: Mapping[str, Any], key: str) -> np.ndarray:
     parts = [np.empty((0, 3, 3))]
     for file in models_of(path, config, key):
         try:
-            vertices, triangles = read_mesh(file)
+            mesh = read_mesh(file)
         except MeshError as error:
             raise WindFileError(f"{path}: {key}: {error}") from None
-        parts.append(vertices[triangles])
+        parts.append(mesh.vertices[mesh.triangles])
     return np.concatenate(parts)
 
 

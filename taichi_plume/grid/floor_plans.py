@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume.grid.map_files import FREE, OCCUPIED, MapError, RosMap, read_map
+from taichi_plume.grid.map_files import UNKNOWN, MapError, RosMap, read_map
 from taichi_plume.grid.shapes import TIE, Upright
 
 FAR = 1e6  # m, distance without any wall
@@ -30,13 +30,15 @@ class FloorPlan(Upright):
 
     solid: wall pixels, bool, axes (x, y), along the domain's; size: edge of a pixel [m]; corner: lower corner of the
     first pixel in the domain [m]. low, high: box around the whole map; in the map's frame, reach: box of its
-    floor, origin: the domain's lower corner, x and y [m].
+    floor, origin: the domain's lower corner, x and y [m]. text, remarks: what was read and assumed of the file.
     """
 
     def __init__(self, model: Any, extent: tuple[float, ...], folder: Path):
         plan = read_map(folder / model.file)
-        solid = plan.pixels != FREE if model.unknown == "wall" else plan.pixels == OCCUPIED
+        solid = plan.walls(model.unknown)
         low, high = _reach(plan)
+        self.text = _described(plan, solid, low, high)
+        self.remarks = (*plan.remarks, *plan.doubts(model.unknown))
         self.reach = low, high
         self.origin = shift = low if model.origin is None else np.array(model.origin)
         try:
@@ -213,6 +215,14 @@ def _reach(plan: RosMap) -> tuple[np.ndarray, np.ndarray]:
     corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * plan.pixels.shape * plan.resolution
     corners = corners @ _turned(plan.yaw).T + np.array(plan.origin)
     return corners.min(axis=0), corners.max(axis=0)
+
+
+def _described(plan: RosMap, solid: np.ndarray, low: np.ndarray, high: np.ndarray) -> str:
+    """Return the file, place and content of a map in a line; low, high: box around it in the map's frame [m]."""
+    turned = f", turned by {np.degrees(plan.yaw):.4g} deg" if plan.yaw else ""
+    box = ", ".join(f"{axis} {a:.6g} to {b:.6g} m" for axis, a, b in zip("xy", low, high, strict=True))
+    unknown = np.count_nonzero(plan.pixels == UNKNOWN)
+    return f"{plan.text}, {box} in frame map{turned}, {solid.sum():,} wall pixels, {unknown:,} unknown"
 
 
 def _along_axes(

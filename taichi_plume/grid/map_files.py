@@ -6,6 +6,9 @@ probability p = 1 - s, or s if the map is negated. The mode classifies pixels:
 trinary  occupied above `occupied_thresh`, free below `free_thresh`, unknown in between
 scale    as trinary, but in between occupied from the middle of both thresholds on; unknown if transparent
 raw      255 s are percents, occupied from 50 on; unknown above 100
+
+map_saver writes unknown pixels in grey 205, p = 0.196, and nav2's version of it free_thresh: 0.25: by these rules such
+pixels are free. `RosMap.marked` has them.
 """
 
 import re
@@ -13,7 +16,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,6 +44,8 @@ MODES = ("trinary", "scale", "raw")
 FARTHEST = 1e8  # m: room for coordinates of the Earth
 RESOLUTIONS = (1e-4, 1e3)  # m
 HALF = 50  # percent: from here on a pixel counts as occupied
+MARK = 205  # grey of unknown pixels, as map_saver writes it
+KEYS = (*DEFAULTS, "image", "resolution", "origin", "mode")
 
 
 class MapError(ShapeError):
@@ -51,18 +56,51 @@ class MapError(ShapeError):
 class RosMap:
     """Occupancy map. pixels: FREE, OCCUPIED or UNKNOWN, axes (x, y); resolution: edge of a pixel [m]; origin: lower
     left corner of the picture [m]; yaw: angle by which the picture is turned left about the origin [rad].
+
+    marked: mask of pixels in map_saver's grey for unknown that the thresholds call free or occupied. text: file, mode
+    and thresholds in words; remarks: assumptions.
     """
 
     pixels: np.ndarray
     resolution: float
     origin: tuple[float, float]
     yaw: float
+    marked: np.ndarray
+    text: str
+    remarks: tuple[str, ...]
+
+    def walls(self, unknown: str | None) -> np.ndarray:
+        """Return the mask of wall pixels; unknown: "wall", "free", or None if the user has not decided."""
+        solid = self.pixels == OCCUPIED if unknown == "free" else self.pixels != FREE
+        return solid if unknown is None else np.where(self.marked, unknown == "wall", solid)
+
+    def doubts(self, unknown: str | None) -> tuple[str, ...]:
+        """Return a remark if the thresholds contradict map_saver's grey for unknown, or the user's `unknown`."""
+        level = MARK / 255
+        if not self.marked.any():
+            return ()
+        meant = "free" if (self.pixels[self.marked] == FREE).all() else "walls"
+        by = "free_thresh" if meant == "free" else "occupied_thresh"
+        other = {"free": "wall", "walls": "free"}[meant]
+        start = f"{self.marked.sum():,} pixels of grey {MARK}, map_saver's mark for unknown, "
+        if unknown is None:
+            bound = f"with a {by} of at {'most' if meant == 'free' else 'least'} {1 - level:.3f}"
+            return (f"{start}count as {meant} by {by}; {bound}, or with unknown: {other}, they do not",)
+        if unknown == other:
+            return (f"{start}are {unknown} by unknown: {unknown}, though {by} makes them {meant}",)
+        return ()
 
 
 def read_map(path: Path) -> RosMap:
     """Read a map from a YAML file, whose picture lies in its folder or below. Raises MapError."""
     data = _yaml(path)
-    levels, most, opaque = _picture(path, _image(path, data))
+    image, remarks = _image(path, data)
+    levels, most, opaque = _picture(path, image)
+    remarks += [
+        f"{key} is missing, {value:g} is assumed" for key, value in DEFAULTS.items() if key not in data
+    ]
+    if unread := [visible(key, LONGEST_VALUE) for key in data if key not in KEYS]:
+        remarks.append(f"not read: {', '.join(unread)}")
     known = {key: _number(path, data, key, 0.0, 1.0) for key in DEFAULTS}
     mode = data.get("mode", MODES[0])
     if mode not in MODES:
@@ -71,6 +109,9 @@ def read_map(path: Path) -> RosMap:
         raise _wrong(path, "free_thresh: must be less than occupied_thresh")
     of_level = _meanings(np.arange(most + 1) / most, known, mode)
     pixels = of_level[levels]
+    grey = np.zeros(most + 1, bool)
+    if mode == MODES[0] and not known["negate"] and of_level[mark := MARK * most // 255] != UNKNOWN:
+        grey[mark] = True
     if mode == "scale" and opaque is not None:
         pixels[~opaque] = UNKNOWN
     origin = data.get("origin")
@@ -78,13 +119,21 @@ def read_map(path: Path) -> RosMap:
         raise _wrong(path, f"origin: must be [x, y, yaw], got {_shown(origin)}")
     place = {f"origin[{n}]": value for n, value in enumerate([*origin, 0.0][:3])}
     x, y, yaw = (_number(path, place, key, -FARTHEST, FARTHEST) for key in place)
-    return RosMap(pixels[::-1].T, _number(path, data, "resolution", *RESOLUTIONS), (x, y), yaw)
+    resolution = _number(path, data, "resolution", *RESOLUTIONS)
+    rows, columns = pixels.shape
+    rule = "mode raw" if mode == "raw" else f"mode {mode}, thresholds {known['free_thresh']:g} and "
+    rule += "" if mode == "raw" else f"{known['occupied_thresh']:g}"
+    text = f"map {image.name}, {columns} x {rows} pixels of {resolution:g} m, {rule}"
+    text += ", negated" if known["negate"] else ""
+    return RosMap(
+        pixels[::-1].T, resolution, (x, y), yaw, grey[levels][::-1].T, visible(text, 200), tuple(remarks)
+    )
 
 
 def image_of(path: Path) -> Path | None:
     """Return the path of the picture that a map's YAML file names; None if the file cannot be read or names none."""
     try:
-        return _image(path, _yaml(path))
+        return _image(path, _yaml(path))[0]
     except MapError:
         return None
 
@@ -111,15 +160,32 @@ def _yaml(path: Path) -> dict[str, object]:
     return data
 
 
-def _image(path: Path, data: Mapping[str, object]) -> Path:
-    """Return the path of the map's picture. Raises MapError if it is outside the YAML file's folder, links followed."""
+def _image(path: Path, data: Mapping[str, object]) -> tuple[Path, list[str]]:
+    """Return the path of the map's picture, and a remark if it is another than the YAML file states.
+
+    A path that leads out of the YAML file's folder, links followed, or to no file, is that of another computer: the
+    picture of the same name beside the YAML file is then taken. Raises MapError if there is none.
+    """
     name = data["image"]
     if not isinstance(name, str) or not name:
         raise _wrong(path, f"image: must be the name of a picture, got {_shown(name)}")
-    image = path.parent / name
-    if not inside(image, path.parent):
+    stated = path.parent / name
+    is_inside = inside(stated, path.parent)
+    beside = path.parent / PureWindowsPath(name).name
+    if not (is_inside and _exists(stated)) and beside != stated and _exists(beside):
+        if inside(beside, path.parent):
+            return beside, [f"image: {_shown(name)} is not there; {beside.name} beside the YAML file is read"]
+    if not is_inside:
         raise _wrong(path, f"image: {_shown(name)} lies outside its folder; put the picture beside it")
-    return image
+    return stated, []
+
+
+def _exists(path: Path) -> bool:
+    """Return whether a path is a file; False for an impossible file name."""
+    try:
+        return path.is_file()
+    except (ValueError, OSError):
+        return False
 
 
 def _picture(path: Path, image: Path) -> tuple[np.ndarray, int, np.ndarray | None]:

@@ -2,14 +2,19 @@
 
 Libraries read parts of a damaged file, and open3d ends the process at an index out of range. Size and grammar of an STL
 file can be checked; an OBJ file has no counts, so bodies missing at the end of the file are not detected.
+
+A byte order mark at the start and padding at the end are skipped. No format has a unit: comments that name one are only
+reported.
 """
 
+import codecs
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.grid.ply_files import numbers, read_ply
+from taichi_plume.grid.ply_files import is_padding, numbers, read_ply
 from taichi_plume.grid.polygons import DamagedError, triangulated
 from taichi_plume.grid.shapes import ShapeError
 from taichi_plume.guard.safe_open import content_of
@@ -26,18 +31,43 @@ FACET = re.compile(
 IGNORED = re.compile("vt|vn|vp|g|o|s|mg|l|p|usemtl|mtllib|usemap|maplib|bevel|lod|[cd]_interp|shadow_obj")
 
 
+UNITS = {
+    "mm": 1e-3, "millimet": 1e-3, "cm": 1e-2, "centimet": 1e-2, "dm": 0.1, "decimet": 0.1, "m": 1.0, "met": 1.0,
+    "in": 0.0254, "inch": 0.0254, "inches": 0.0254, "ft": 0.3048, "feet": 0.3048, "foot": 0.3048,
+}  # fmt: skip
+UNIT = re.compile(
+    rb"\bunits?\b(?: ?(?:is|are|in|of|length)\b)*[ \t]*[:=]?[ \t]*[\"']?([a-z]{1,12})\b", re.IGNORECASE
+)
+COMMENTS = re.compile(rb"^[ \t]*(?:#|comment|obj_info|solid)[^\r\n]*", re.MULTILINE)
+STL_HEADER, FACET_BYTES = 80, 50
+MOST_COMMENTED = 1 << 16  # bytes in which a unit is looked for
+
+
+@dataclass(frozen=True)
+class MeshData:
+    """Content of a mesh file. vertices (n, 3), in the file's unit; triangles (m, 3): indices of vertices.
+
+    unit: metres of a unit that a comment names, and its name; None without. remarks: assumptions.
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    unit: tuple[float, str] | None
+    remarks: tuple[str, ...]
+
+
 class MeshError(ShapeError):
     """A mesh file that is missing, unreadable or not closed."""
 
 
-def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices (n, 3), in the file's units, and triangles (m, 3), as indices of vertices. Raises MeshError."""
+def read_mesh(path: Path) -> MeshData:
+    """Return the vertices and triangles of an STL, OBJ or PLY file. Raises MeshError."""
     content = content_of(path, LARGEST_FILE, MeshError, path.name)
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise MeshError(f"{path.name}: its name must end in .stl, .obj or .ply")
     try:
-        vertices, triangles = reader(content)
+        vertices, triangles, left = reader(content)
     except DamagedError as fault:
         raise MeshError(f"{path.name}: {fault}") from None
     if not len(triangles):
@@ -47,30 +77,45 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise MeshError(f"{path.name}: some coordinates are not finite")
     if np.abs(used).max() > FARTHEST:
         raise MeshError(f"{path.name}: some coordinates are beyond {FARTHEST:g}; is it damaged?")
-    return vertices, triangles
+    remarks = (f"{left} bytes after the last triangle are not read",) if left else ()
+    return MeshData(vertices, triangles, _unit(content), remarks)
+
+
+def _unit(content: bytes) -> tuple[float, str] | None:
+    """Return the unit of length that a comment or the header names: its metres and its name; None without one."""
+    start = content[:MOST_COMMENTED]
+    comments = [start[:STL_HEADER], *COMMENTS.findall(start)]
+    for name in (found[1].decode().lower() for comment in comments if (found := UNIT.search(comment))):
+        plain = re.sub("(re|er)s?$", "", name)
+        if name in UNITS or plain in UNITS:
+            return UNITS.get(name, UNITS.get(plain, 1.0)), name
+    return None
 
 
 # ---------------------------------------------------------------- STL
 
 
-def _stl(content: bytes) -> tuple[np.ndarray, np.ndarray]:
+def _stl(content: bytes) -> tuple[np.ndarray, np.ndarray, int]:
     count = int.from_bytes(content[80:84], "little") if len(content) >= 84 else -1
-    if count >= 0 and len(content) == 84 + 50 * count:
+    end = 84 + FACET_BYTES * count
+    left = 0
+    padded = count > 0 and end < len(content) and is_padding(content[end:], FACET_BYTES)
+    if padded or (count >= 0 and len(content) == end):
         facets = np.frombuffer(content, [("f", "<f4", (4, 3)), ("attribute", "<u2")], count, 84)
-        corners = facets["f"][:, 1:].reshape(-1, 3).astype(float)
-    elif content.lstrip()[:5].lower() == b"solid":
-        corners = _facets(content)
+        corners, left = facets["f"][:, 1:].reshape(-1, 3).astype(float), len(content) - end
+    elif (text := _text(content))[:1000].lstrip()[:5].lower() == "solid":
+        corners = _facets(text)
     elif count < 0:
         raise DamagedError("is cut: no STL file is so short")
     else:
         there = (len(content) - 84) / 50
         raise DamagedError(f"is cut or damaged: its header announces {count} triangles, it holds {there:.6g}")
-    return corners, np.arange(len(corners)).reshape(-1, 3)
+    return corners, np.arange(len(corners)).reshape(-1, 3), left
 
 
-def _facets(content: bytes) -> np.ndarray:
+def _facets(text: str) -> np.ndarray:
     """Return the corners (3 m, 3) of the m triangles of an STL text file. Raises DamagedError."""
-    text, at, ended = _text(content).lower(), 0, True
+    text, at, ended = text.lower(), 0, True
     words: list[str] = []
     while ended and (solid := SOLID.match(text, at)):
         at = solid.end()
@@ -88,7 +133,7 @@ def _facets(content: bytes) -> np.ndarray:
 # ---------------------------------------------------------------- OBJ
 
 
-def _obj(content: bytes) -> tuple[np.ndarray, np.ndarray]:
+def _obj(content: bytes) -> tuple[np.ndarray, np.ndarray, int]:
     text = _text(content).replace("\\\n", " ")
     coordinates: list[str] = []
     polygons: list[list[int]] = []
@@ -110,7 +155,7 @@ def _obj(content: bytes) -> tuple[np.ndarray, np.ndarray]:
     highest = max((max(polygon) for polygon in polygons), default=-1)
     if highest >= len(vertices):
         raise DamagedError(f"is cut or damaged: a face has vertex {highest + 1} of {len(vertices)}")
-    return vertices, triangulated(vertices, polygons)
+    return vertices, triangulated(vertices, polygons), 0
 
 
 def _index(word: str, count: int, line: int) -> int:
@@ -126,8 +171,18 @@ def _index(word: str, count: int, line: int) -> int:
 
 
 def _text(content: bytes) -> str:
-    r"""Return the text of a mesh file with line ends "\n"; bytes that are not UTF-8 are replaced."""
-    return content.decode("utf-8", "replace").replace("\r\n", "\n").replace("\r", "\n")
+    r"""Return the text of a mesh file with line ends "\n"; bytes that are not UTF-8 are replaced.
+
+    A byte order mark (UTF-8 or UTF-16), and null bytes and an end-of-file character (Ctrl-Z) at the end are left out.
+    """
+    wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    text = content.decode("utf-16" if wide else "utf-8-sig", "replace").rstrip("\0\x1a \t\r\n")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-READERS = {".stl": _stl, ".obj": _obj, ".ply": read_ply}
+def _ply(content: bytes) -> tuple[np.ndarray, np.ndarray, int]:
+    wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    return read_ply(_text(content).encode() if wide else content.removeprefix(codecs.BOM_UTF8))
+
+
+READERS = {".stl": _stl, ".obj": _obj, ".ply": _ply}

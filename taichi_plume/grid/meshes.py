@@ -1,8 +1,12 @@
-"""Obstacles from closed bodies in mesh files (STL, OBJ, PLY): signed distance, inside test and shadow, by open3d."""
+"""Obstacles from bodies in mesh files (STL, OBJ, PLY): signed distance, inside test and shadow, by open3d.
+
+Bodies that are not watertight have the inside of the generalised winding number, see `winding_number`.
+"""
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
 from math import inf
 from pathlib import Path
@@ -11,8 +15,9 @@ from weakref import WeakSet
 
 import numpy as np
 
-from taichi_plume.grid.mesh_files import MeshError, read_mesh
+from taichi_plume.grid.mesh_files import MeshData, MeshError, read_mesh
 from taichi_plume.grid.shapes import Shape, rotation
+from taichi_plume.grid.winding_number import caps_of, oriented, rim_edges, solid_angles
 
 LONGEST_REASON = 150  # characters of the reason why open3d cannot be imported
 CHUNK = 1 << 18  # points handed to open3d at a time
@@ -21,43 +26,139 @@ MOST_BODIES = (
     800  # bodies in all meshes: open3d ends the process near 1000 scenes (thread-local keys of the system)
 )
 MOST_AT_EDGE = 100  # triangles that share an edge: more make no body, and open3d compares each with each
+WELD = 1e-5  # of the mesh's length: in a mesh with gaps, corners closer than this are joined
+RAYS = ((0.5377, 0.6183, 0.5732), (-0.4413, 0.3871, 0.8095), (0.6347, -0.7129, 0.2982))  # along no usual edge
+SAMPLES = 1 << 15  # points, to judge a body that is not closed
+MOST_RIM = 2000  # open edges: from each point of the grid, a triangle at each is seen
+MOST_OPEN, MOST_UNDECIDED = 0.05, 0.1  # of its surface, and of its volume
+Y_UP = np.array(
+    [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
+)  # (x, y, z) of a y-up model to (x, -z, y)
+Query = Callable[[np.ndarray], np.ndarray]
 SKIN = 1e-5  # m: offset of a section from the given height, so that it does not run within a level face
 
 
+class _Body:
+    """Closed body: its triangles (m, 3), and an open3d scene of them. Points are arrays (n, 3) in single precision."""
+
+    def __init__(self, vertices: np.ndarray, triangles: np.ndarray):
+        self.triangles, self.scene = triangles, _scene(vertices, triangles)
+
+    def signed_distance(self, points: np.ndarray) -> np.ndarray:
+        return self.scene.compute_signed_distance(_open3d().core.Tensor(points)).numpy()
+
+    def occupancy(self, points: np.ndarray) -> np.ndarray:
+        """Return 1 for points inside and 0 for the others, (n,)."""
+        return self.scene.compute_occupancy(_open3d().core.Tensor(points)).numpy()
+
+
+class _OpenBody(_Body):
+    """Bodies with holes, or with edges of more than two triangles, whose inside is that of the winding number."""
+
+    def __init__(self, vertices: np.ndarray, triangles: np.ndarray):
+        super().__init__(vertices, triangles)
+        used = vertices[triangles]
+        self.low, self.high = used.min(axis=(0, 1)), used.max(axis=(0, 1))
+        self.caps = caps_of(vertices, triangles)
+        corners = np.concatenate([used, self.caps.corners])
+        self._normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        self._closed = _scene(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+
+    def signed_distance(self, points: np.ndarray) -> np.ndarray:
+        away = self.scene.compute_distance(_open3d().core.Tensor(points)).numpy()
+        return np.where(self.occupancy(points) > 0.5, -away, away)
+
+    def occupancy(self, points: np.ndarray) -> np.ndarray:
+        return np.where(np.abs(self.winding_number(points)) > 0.5, 1.0, 0.0)
+
+    def winding_number(self, points: np.ndarray) -> np.ndarray:
+        """Return the winding number at points; 0 outside the box around the body."""
+        result = np.zeros(len(points))
+        near = ((points >= self.low) & (points <= self.high)).all(axis=1)
+        if near.any():
+            counts = [self._crossings(points[near], np.array(way, np.float32)) for way in RAYS]
+            result[near] = np.median(counts, axis=0) - solid_angles(points[near], self.caps.corners)
+        return result
+
+    def _crossings(self, points: np.ndarray, way: np.ndarray) -> np.ndarray:
+        """Return how often rays from points leave body and caps, less how often they enter."""
+        rays = np.concatenate([points, np.broadcast_to(way, points.shape)], axis=1)
+        found = self._closed.list_intersections(_open3d().core.Tensor(rays))
+        side = np.sign(self._normals[found["primitive_ids"].numpy()] @ way)
+        return np.bincount(found["ray_ids"].numpy(), side, len(points))
+
+    def undecided(self) -> float:
+        """Return the volume in the box where |w| is within 0.2 of 1/2, over the inside; infinite without one."""
+        points = np.random.default_rng(0).uniform(self.low, self.high, (SAMPLES, 3)).astype(np.float32)
+        number = np.abs(self.winding_number(points))
+        inside = np.count_nonzero(number > 0.5)
+        return np.count_nonzero(np.abs(number - 0.5) < 0.2) / inside if inside else inf
+
+
 class Solid(Shape):
-    """Union of the closed bodies of a mesh file: scaled, then turned about the vertical, then moved.
+    """Union of the bodies of a mesh file: scaled, then turned about the vertical, then moved.
 
     vertices: (n, 3) [m] and triangles: (m, 3) indices, as placed in the domain. In 2-D the shape is the section of the
-    bodies at one height, with distances in the plane.
+    bodies at one height, with distances in the plane. text, remarks: what was read and assumed of the file. unit: of a
+    comment in the file, its metres and its name, or None.
     """
 
     def __init__(self, model: Any, dim: int, folder: Path):
         self.model = model
-        self.vertices, self.triangles, body = _bodies_of(folder / model.file)
-        self.vertices = model.scale * self.vertices
+        data = read_mesh(folder / model.file)
+        parts = _parts_of(folder / model.file, data)
+        self.unit, self.triangles = data.unit, parts.triangles
+        self.vertices = model.scale * (parts.vertices @ Y_UP.T if model.up == "y" else parts.vertices)
         self.vertices[:, :2] = self.vertices[:, :2] @ rotation(model.yaw_deg).T
         self.vertices += np.array(model.translate)
         low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
         self.low, self.high = low[:dim], high[:dim]
         self._slice = (model.section + SKIN, model.section + SKIN)
         if dim == 2 and not low[2] < self._slice[0] < high[2]:
+            (_, _, least), (_, _, most) = self.turned_up()
+            other = {"y": "z", "z": "y"}[model.up]
+            cuts = bool(least < self._slice[0] < most)
+            turned = f", or up: {other}, if {other} is the upward axis of the file" if cuts else ""
             raise MeshError(
                 f"{model.file}: section {model.section:g} m does not cut it, it lies at z {low[2]:.4g} to "
-                f"{high[2]:.4g} m; give a section in between"
+                f"{high[2]:.4g} m; give a section in between{turned}"
             )
         # A scene per body: if bodies of one scene overlap, the ray count that decides on inside is wrong.
-        self._bodies = [self.triangles[body == n] for n in range(body.max() + 1)]
-        if len(_scenes) + len(self._bodies) > MOST_BODIES:
+        count = len(parts.bodies) + (parts.open is not None)
+        if len(_scenes) + count > MOST_BODIES:
             raise MeshError(
-                f"{model.file}: has {len(self._bodies)} bodies, with which all meshes have more than {MOST_BODIES}; "
+                f"{model.file}: has {count} bodies, with which all meshes have more than {MOST_BODIES}; "
                 "join bodies in a mesh editor, or leave small ones out"
             )
-        self._scenes = [_scene(self.vertices, triangles) for triangles in self._bodies]
+        self._bodies = [_Body(self.vertices, triangles) for triangles in parts.bodies]
+        remarks = [*data.remarks, *parts.remarks, *self._scale_remarks()]
+        if parts.open is not None:
+            loose = _OpenBody(self.vertices, parts.open)
+            remarks.append(_judged(model.file, parts.gaps, loose, self.vertices))
+            self._bodies.append(loose)
+        self.remarks = tuple(f"{model.file}: {remark}" for remark in remarks)
+        bodies = f"{count} bod{'ies' if count > 1 else 'y'}"
+        ends = np.round([low, high], 6).T + 0.0  # no -0
+        box = ", ".join(f"{axis} {a:.4g} to {b:.4g} m" for axis, (a, b) in zip("xyz", ends, strict=True))
+        self.text = f"mesh {model.file}, {len(self.triangles):,} triangles, {bodies}, {box}, {model.up} up in the file"
+
+    def _scale_remarks(self) -> Iterator[str]:
+        if self.unit is not None and abs(self.model.scale / self.unit[0] - 1.0) > 1e-6:
+            factor, name = self.unit
+            yield f"a comment names the unit {name}, but scale is {self.model.scale:g}; metres need scale: {factor:g}"
+
+    def turned_up(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the lower and upper corner (3,) [m] of the box around the bodies if the other axis, y or z, is up."""
+        turn, at = np.eye(3), np.array(self.model.translate)
+        turn[:2, :2] = rotation(self.model.yaw_deg)
+        raised = Y_UP.T if self.model.up == "y" else Y_UP
+        vertices = (self.vertices - at) @ turn @ raised.T @ turn.T + at
+        return vertices.min(axis=0), vertices.max(axis=0)
 
     def signed_distance(self, points: np.ndarray) -> np.ndarray:
         if points.shape[-1] == 2:
             return self._shadow_distance(points, *self._slice)
-        return _least(points, [scene.compute_signed_distance for scene in self._scenes])
+        return _least(points, [body.signed_distance for body in self._bodies])
 
     def horizontal_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
         """Return the distance [m] in the plane from points (..., 2) to the bodies' shadow from `low` to `high` [m].
@@ -71,20 +172,20 @@ class Solid(Shape):
     def inside(self, points: np.ndarray) -> np.ndarray:
         if points.shape[-1] == 2:
             points = _at_height(points, self._slice[0])
-        return -_least(points, [scene.compute_occupancy for scene in self._scenes], sign=-1.0) > 0.5
+        return -_least(points, [body.occupancy for body in self._bodies], sign=-1.0) > 0.5
 
     def _shadow_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
         """Return the distance [m] to the shadow of the bodies between two heights; negative inside it."""
         shadow = np.full(points.shape[:-1], inf)
-        for scene, triangles in zip(self._scenes, self._bodies, strict=True):
-            edges = _edges_between(self.vertices[triangles], low, high)
+        for body in self._bodies:
+            edges = _edges_between(self.vertices[body.triangles], low, high)
             if not len(edges):
                 continue
             foot = _at_height(points, low)
-            covered = _least(foot, [scene.compute_occupancy]) > 0.5
+            covered = _least(foot, [body.occupancy]) > 0.5
             if high > low:
-                covered |= _blocked_upwards(scene, foot, high - low)
-            distance = _least(_at_height(points, 0.0), [_curtain(edges).compute_distance])
+                covered |= _blocked_upwards(body.scene, foot, high - low)
+            distance = _least(_at_height(points, 0.0), [_distance_to(_curtain(edges))])
             shadow = np.minimum(shadow, np.where(covered, -distance, distance))
         return shadow
 
@@ -112,36 +213,114 @@ def _at_height(points: np.ndarray, z: float) -> np.ndarray:
     return np.concatenate([points, np.full((*points.shape[:-1], 1), z)], axis=-1)
 
 
-def _bodies_of(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the vertices (n, 3), the triangles (m, 3) and each triangle's body number (m,) of a mesh file."""
-    vertices, triangles = read_mesh(path)
+@dataclass(frozen=True)
+class _Parts:
+    """Bodies of a mesh, in the file's coordinates. vertices (n, 3), triangles (m, 3); bodies: the closed ones.
+
+    open: triangles of all others together, None without; gaps: their open and non-manifold edges in words.
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    bodies: list[np.ndarray]
+    open: np.ndarray | None
+    gaps: str
+    remarks: list[str]
+
+
+def _parts_of(path: Path, data: MeshData) -> _Parts:
+    """Split a mesh into bodies: closed ones, and the rest. Raises MeshError."""
     o3d = _open3d()
     mesh = o3d.geometry.TriangleMesh(
-        o3d.utility.Vector3dVector(vertices), o3d.utility.Vector3iVector(triangles.astype(np.int32))
+        o3d.utility.Vector3dVector(data.vertices), o3d.utility.Vector3iVector(data.triangles.astype(np.int32))
     )
     mesh.remove_duplicated_vertices()  # in an STL every triangle has its own
+    _cleaned(path, mesh)
+    remarks: list[str] = []
+    # not is_watertight(): that also looks for self-intersections, in quadratic time
+    gaps = np.asarray(mesh.get_non_manifold_edges(allow_boundary_edges=False))
+    if len(gaps):
+        near = WELD * float(np.ptp(np.asarray(mesh.vertices), axis=0).max())
+        count = len(mesh.vertices)
+        mesh.merge_close_vertices(near)
+        _cleaned(path, mesh)
+        if count > len(mesh.vertices):
+            remarks.append(
+                f"{count - len(mesh.vertices):,} corners closer than {near:.2g} of its units to another are joined"
+            )
+        gaps = np.asarray(mesh.get_non_manifold_edges(allow_boundary_edges=False))
+    vertices, triangles = np.asarray(mesh.vertices).copy(), np.asarray(mesh.triangles).copy()
+    body = np.asarray(mesh.cluster_connected_triangles()[0])
+    holed = np.unique(body[np.isin(triangles, gaps).any(axis=1)]) if len(gaps) else np.empty(0, int)
+    holed = np.array([n for n in holed if _has_edge(triangles[body == n], gaps)], int)
+    bodies = [triangles[body == n] for n in range(body.max() + 1) if n not in holed]
+    for n, part in enumerate(bodies):
+        extent = np.ptp(vertices[part].reshape(-1, 3), axis=0)
+        if extent.min() <= FLAT * extent.max():
+            raise MeshError(f"{path.name}: body {n} is flat: it encloses nothing")
+    if not len(holed):
+        return _Parts(vertices, triangles, bodies, None, "", remarks)
+    loose, turned = oriented(
+        triangles[np.isin(body, holed)], _areas(vertices, triangles[np.isin(body, holed)])
+    )
+    if turned:
+        remarks.append(f"{turned:,} triangles are turned, as their neighbours face the other way")
+    if (rim := len(rim_edges(loose))) > MOST_RIM:
+        raise MeshError(
+            f"{path.name}: has {rim:,} open edges; bodies with more than {MOST_RIM:,} are not closed here"
+        )
+    x, y, z = vertices[gaps[0]].mean(axis=0)
+    what = f"body {holed[0]}" if len(holed) == 1 else f"{len(holed)} bodies from body {holed[0]} on"
+    verb = "is" if len(holed) == 1 else "are"
+    words = (
+        f"{what} {verb} not watertight: {len(gaps)} open or non-manifold edges, first near "
+        f"({x:.3f}, {y:.3f}, {z:.3f}) in the file's coordinates"
+    )
+    return _Parts(vertices, triangles, bodies, loose, words, remarks)
+
+
+def _cleaned(path: Path, mesh: Any) -> None:
+    """Remove triangles without an area and vertices without a triangle. Raises MeshError if no triangle is left."""
     mesh.remove_degenerate_triangles()
     mesh.remove_unreferenced_vertices()
     if not len(mesh.triangles):
         raise MeshError(f"{path.name}: all its triangles are lines or points")
-    vertices, triangles = np.asarray(mesh.vertices).copy(), np.asarray(mesh.triangles).copy()
-    _check_edges(path, vertices, triangles)
-    body = np.asarray(mesh.cluster_connected_triangles()[0])
-    # not is_watertight(): that also looks for self-intersections, in quadratic time
-    gaps = np.asarray(mesh.get_non_manifold_edges(allow_boundary_edges=False))
-    if len(gaps):
-        holed = body[(triangles == gaps[0, 0]).any(axis=1)].min()
-        here = np.isin(gaps[:, 0], triangles[body == holed])
-        x, y, z = vertices[gaps[here][0]].mean(axis=0)
+    _check_edges(path, np.asarray(mesh.vertices), np.asarray(mesh.triangles))
+
+
+def _has_edge(triangles: np.ndarray, edges: np.ndarray) -> bool:
+    """Return whether triangles (m, 3) have one of these edges (k, 2)."""
+    ends = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1).astype(np.int64)
+    given = np.sort(edges, axis=1).astype(np.int64)
+    return bool(np.isin(ends @ [1 << 32, 1], given @ [1 << 32, 1]).any())
+
+
+def _judged(name: str, gaps: str, loose: _OpenBody, vertices: np.ndarray) -> str:
+    """Return a remark on bodies that are not closed; gaps: their edges in words. Raises MeshError if they are too open.
+
+    They are if the holes, or the volume that may be inside or outside, are more than a few percent.
+    """
+    share, undecided = loose.caps.area / _areas(vertices, loose.triangles).sum(), loose.undecided()
+    figures = (
+        f"holes are {100 * share:.3g} % of the surface, and the winding number leaves {100 * undecided:.3g} % of the "
+        "volume undecided (within 0.2 of 1/2)"
+    )
+    if undecided == inf:
+        raise MeshError(f"{name}: {gaps}; it encloses no volume: close it in a mesh editor")
+    if share > MOST_OPEN or undecided > MOST_UNDECIDED:
         raise MeshError(
-            f"{path.name}: body {holed} is not watertight: {here.sum()} open or non-manifold edges, "
-            f"first near ({x:.3f}, {y:.3f}, {z:.3f}) in the file's coordinates; close it in a mesh editor"
+            f"{name}: {gaps}; {figures}, more than {100 * MOST_OPEN:g} or {100 * MOST_UNDECIDED:g} %: "
+            "close it in a mesh editor"
         )
-    for n in range(body.max() + 1):
-        extent = np.ptp(vertices[triangles[body == n]].reshape(-1, 3), axis=0)
-        if extent.min() <= FLAT * extent.max():
-            raise MeshError(f"{path.name}: body {n} is flat: it encloses nothing")
-    return vertices, triangles, body
+    return f"{gaps}; inside is where the winding number exceeds 1/2, which closes holes; {figures}"
+
+
+def _areas(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Return the areas (m,) of triangles (m, 3)."""
+    corners = vertices[triangles]
+    return 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
 
 
 def _check_edges(path: Path, vertices: np.ndarray, triangles: np.ndarray) -> None:
@@ -170,15 +349,14 @@ def _scene(vertices: np.ndarray, triangles: np.ndarray) -> Any:
 _scenes: "WeakSet[Any]" = WeakSet()  # vertices in use
 
 
-def _least(points: np.ndarray, queries: list[Callable], sign: float = 1.0) -> np.ndarray:
+def _least(points: np.ndarray, queries: Sequence[Query], sign: float = 1.0) -> np.ndarray:
     """Return the smallest value of sign * query(point) over all `queries`, at each of the points (..., 3)."""
     flat = points.reshape(-1, 3).astype(np.float32)
     least = np.full(len(flat), inf)
     for begin in range(0, len(flat), CHUNK):
         part = slice(begin, begin + CHUNK)
         for query in queries:
-            answer = query(_open3d().core.Tensor(flat[part])).numpy()
-            least[part] = np.minimum(least[part], sign * answer)
+            least[part] = np.minimum(least[part], sign * query(flat[part]))
     return least.reshape(points.shape[:-1])
 
 
@@ -209,6 +387,11 @@ def _edges_between(corners: np.ndarray, low: float, high: float) -> np.ndarray:
         edges.append(where.reshape(-1, 2, 2))
     edges = np.concatenate(edges)
     return edges[(edges[:, 0] != edges[:, 1]).any(axis=1)]
+
+
+def _distance_to(scene: Any) -> Query:
+    """Return a function of the distance [m] from points (n, 3) to the surfaces of a scene."""
+    return lambda points: scene.compute_distance(_open3d().core.Tensor(points)).numpy()
 
 
 def _curtain(edges: np.ndarray) -> Any:

@@ -32,8 +32,8 @@ class Element:
     properties: list[tuple[str, np.dtype | None, np.dtype]] = field(default_factory=list)
 
 
-def read_ply(content: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices (n, 3) and triangles (m, 3), as indices of vertices, of a PLY file. Raises DamagedError."""
+def read_ply(content: bytes) -> tuple[np.ndarray, np.ndarray, int]:
+    """Return vertices (n, 3), triangles (m, 3) of their indices, and the bytes of padding. Raises DamagedError."""
     head = content[:LONGEST_HEADER]
     start = re.match(rb"ply[ \t\r]*\n", head)
     found = start and re.compile(rb"\nend_header[ \t]*\r?\n").search(head, start.end() - 1)
@@ -48,13 +48,20 @@ def read_ply(content: bytes) -> tuple[np.ndarray, np.ndarray]:
     if corners is None:
         raise DamagedError("its faces have no vertex_indices")
     rest = memoryview(content)[found.end() :]
-    body = _Body(rest if order else numbers(word[0] for word in re.finditer(rb"\S+", rest)).data.cast("B"))
+    words = re.finditer(rb"[^\s\0\x1a]+", rest)
+    body = _Body(rest if order else numbers(word[0] for word in words).data.cast("B"))
     columns = {element.name: body.columns(element) for element in elements}
-    if body.left():
-        left = f"{body.left()} bytes" if order else f"{body.left() // 8} numbers"
-        raise DamagedError(f"is damaged: holds {left} more than its header announces")
+    left = body.left() if order else 0
+    if body.left() and not (order and is_padding(rest[body.at :], body.row)):
+        more = f"{body.left()} bytes" if order else f"{body.left() // 8} numbers"
+        raise DamagedError(f"is damaged: holds {more} more than its header announces")
     vertices = np.stack([columns["vertex"][axis].astype(float) for axis in "xyz"], axis=-1)
-    return vertices, _triangles(vertices, columns["face"][corners])
+    return vertices, _triangles(vertices, columns["face"][corners]), left
+
+
+def is_padding(rest: bytes | memoryview, row: float) -> bool:
+    """Return whether the bytes after the last row of a table are padding: blank or null, or fewer than a row has."""
+    return len(rest) < row or not bytes(rest).strip(b"\0\x1a \t\r\n")
 
 
 def _header(text: str) -> tuple[str, list[Element]]:
@@ -111,10 +118,13 @@ def numbers(words: Iterable[str | bytes]) -> np.ndarray:
 
 
 class _Body:
-    """Reader of the values that follow the header of a PLY file, one element after the other."""
+    """Reader of the values that follow the header of a PLY file, one element after the other.
+
+    row: mean size of the rows of the last element [bytes].
+    """
 
     def __init__(self, content: memoryview):
-        self.content, self.at = content, 0
+        self.content, self.at, self.row = content, 0, 0.0
 
     def left(self) -> int:
         """Return the number of bytes of the file that have not been read yet."""
@@ -139,11 +149,12 @@ class _Body:
         if element.count * row.itemsize <= len(self.content) - begin:
             rows = np.frombuffer(self.content, row, element.count, begin)
             if all((rows[name] == rows[name][0]).all() for name, *_ in fields if name.startswith("length")):
-                self.at = begin + rows.nbytes
+                self.at, self.row = begin + rows.nbytes, row.itemsize
                 return {name: rows[str(n)] for n, (name, _, _) in enumerate(element.properties)}
         if element.count * len(element.properties) > MOST_UNLIKE:
             raise DamagedError(f"has more than {MOST_UNLIKE:,} values in rows with lists of unlike lengths")
         table = [first, *(self._row(element) for _ in range(element.count - 1))]
+        self.row = (self.at - begin) / element.count
         columns = zip(element.properties, zip(*table, strict=True), strict=True)
         return {
             name: np.concatenate(column) if length is None else list(column)

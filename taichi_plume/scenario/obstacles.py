@@ -8,6 +8,8 @@ import numpy as np
 from pydantic import Field
 
 from taichi_plume.grid.floor_plans import FloorPlan
+from taichi_plume.grid.meshes import Solid
+from taichi_plume.grid.shapes import Shape
 from taichi_plume.grid.unresolved import SAMPLES, missed
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, Domain, span
@@ -17,6 +19,7 @@ from taichi_plume.scenario.vocabulary import SHAPE, FileName, Model
 TOO_LARGE = 10  # times the domain: a larger body is probably in another unit
 MOSTLY_OUTSIDE = 0.4  # fraction of a body's base in the domain; a wall may stand on an edge
 UNITS = {0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches", 1000.0: "metres, not millimetres"}
+ROUNDED = 1e-6  # of the domain's edge: so far a mesh may reach out of the domain
 MOST_EDGES = 500  # of a polygon whose edges are tested against one another
 SLIVER = 1e-6  # of the square of a polygon's width: less area is none
 TOUCHING = 1e-9  # of the same: a corner this close to an edge lies on it
@@ -33,12 +36,12 @@ class AnyObstacle(Model):
         reach, room = span("xyz"[axis], shape.low[axis], shape.high[axis]), span("xyz"[axis], 0, extent[axis])
         if size.max() > TOO_LARGE * extent.max():
             yield (
-                f"{where}: is at {reach}, far larger than the domain, {room}; {self._another_scale(size, domain)}make "
+                f"{where}: is at {reach}, far larger than the domain, {room}; {self._advice(shape, domain)}make "
                 "it smaller"
             )
         elif beyond.any():
             yield (
-                f"{where}: lies outside the domain: {reach}, the domain has {room}; {self._another_scale(size, domain)}"
+                f"{where}: lies outside the domain: {reach}, the domain has {room}; {self._advice(shape, domain)}"
                 "move it in or remove it"
             )
         elif isinstance(self, Box | Cylinder | Sphere) and self.motion is not None:
@@ -67,7 +70,7 @@ class AnyObstacle(Model):
             near = ", ".join(f"{x:.3g}" for x in lost.place)
             yield (
                 f"{where}: the grid misses {part}, about ({near}) m: parts thinner than half a cell of "
-                f"{domain.spacing:g} m fall between nodes; {self._finer(shape.high - shape.low, domain)}"
+                f"{domain.spacing:g} m fall between nodes; {self._finer(shape, domain)}"
             )
 
     width: ClassVar[float] = inf
@@ -76,14 +79,14 @@ class AnyObstacle(Model):
     thinnest: ClassVar[float] = 0.0
     """Smallest thickness [m]; 0 if unknown."""
 
-    def _finer(self, size: np.ndarray, domain: Domain) -> str:
-        """Return advice for an obstacle of this size [m], too thin for the grid: a finer grid or another unit."""
+    def _finer(self, shape: Shape, domain: Domain) -> str:
+        """Return advice for an obstacle that is too thin for the grid: a finer grid or another unit."""
         if self.thinnest:
             return f"use a domain.spacing of {2 * self.thinnest:.3g} m or less, or make it thicker"
-        return f"{self._another_scale(size, domain)}lower domain.spacing, or make it thicker"
+        return f"{self._advice(shape, domain)}lower domain.spacing, or make it thicker"
 
-    def _another_scale(self, size: np.ndarray, domain: Domain) -> str:
-        """Return a hint at the unit of a mesh file in which an obstacle of this size [m] would fit; "" if none."""
+    def _advice(self, shape: Shape, domain: Domain) -> str:
+        """Return a hint at the unit or the upward axis of a mesh file with which it would fit; "" if none."""
         return ""
 
     def surface(self, domain: Domain) -> float:
@@ -226,27 +229,53 @@ class Prism(Standing):
 
 
 class Mesh(Standing):
-    """Closed bodies from a file of triangles (STL, OBJ or PLY); a 2-D run cuts them at a height."""
+    """Bodies from a file of triangles (STL, OBJ or PLY); a 2-D run cuts them at a height."""
 
     kind: Literal["mesh"]
     file: FileName
-    """Path of an STL, OBJ or PLY file of closed bodies, relative to the scenario's folder."""
+    """Path of an STL, OBJ or PLY file of closed bodies, relative to the scenario's folder. Small holes are closed."""
     scale: Annotated[si.SomeCoefficient, SHAPE] = 1.0
     """Factor from the file's unit to metres: 0.001 for a file in millimetres."""
+    up: Annotated[Literal["z", "y"], SHAPE] = "z"
+    """Axis of the file that points up. With y, as modelling programs have it, (x, y, z) becomes (x, -z, y)."""
     yaw_deg: Annotated[si.Angle, SHAPE] = 0.0
-    """Angle by which it is turned about the file's z axis, after scaling, to the left seen from above."""
+    """Angle by which it is turned about the vertical, after scaling, to the left seen from above."""
     translate: Annotated[tuple[si.Coordinate, si.Coordinate, si.Coordinate], SHAPE] = (0.0, 0.0, 0.0)
     """Shift of the mesh after scaling and turning, per axis."""
     section: Annotated[si.Coordinate, SHAPE] = 0.0
     """Height at which a 2-D run cuts the mesh, once it has been moved."""
 
-    def _another_scale(self, size: np.ndarray, domain: Domain) -> str:
-        """Return a hint at the length unit of the file in which the mesh would fit the domain; "" if none."""
-        most = max(domain.extent)
-        for factor, unit in UNITS.items():
-            if 0.03 * most <= factor * size.max() <= most:
+    def warnings(self, where: str, context: Context) -> Iterator[str]:
+        shape, extent = context.resources.shapes[where], np.array(context.domain.extent)
+        if (shape.low < -ROUNDED * extent).any() or (shape.high > (1 + ROUNDED) * extent).any():
+            if turned := self._turned(shape, context.domain):
+                yield f"{where}: not all of it lies in the domain; {turned}"
+        yield from super().warnings(where, context)
+
+    def _advice(self, shape: Shape, domain: Domain) -> str:
+        if turned := self._turned(shape, domain):
+            return f"{turned}; otherwise "
+        assert isinstance(shape, Solid)
+        size, most = (shape.high - shape.low).max(), max(domain.extent)
+        units = UNITS if shape.unit is None else {shape.unit[0] / self.scale: shape.unit[1], **UNITS}
+        for factor, unit in units.items():
+            if 0.03 * most <= factor * size <= most and factor != 1.0:
                 return f"if {self.file} is in {unit}, give scale: {factor * self.scale:.4g}; otherwise "
         return ""
+
+    def _turned(self, shape: Shape, domain: Domain) -> str:
+        """Return a hint at the other upward axis if the mesh then lies in the domain, but now does not; else ""."""
+        assert isinstance(shape, Solid)
+        extent = np.array(domain.extent)
+        (low, high), dim = shape.turned_up(), domain.dim
+
+        def lies_in(low: np.ndarray, high: np.ndarray) -> bool:
+            return bool((low >= -ROUNDED * extent).all() and (high <= (1 + ROUNDED) * extent).all())
+
+        if lies_in(shape.low, shape.high) or not lies_in(low[:dim], high[:dim]):
+            return ""
+        other = "z" if self.up == "y" else "y"
+        return f"if {other} is the upward axis of {self.file}, give up: {other}"
 
 
 class WallMap(Standing):
@@ -255,8 +284,9 @@ class WallMap(Standing):
     kind: Literal["map"]
     file: FileName
     """Path of the map's YAML file, relative to the scenario's folder; its picture (PGM, PNG or BMP) lies beside it."""
-    unknown: Literal["wall", "free"] = "wall"
-    """Meaning of unknown pixels: most lie behind the walls, where no air is needed."""
+    unknown: Literal["wall", "free"] | None = None
+    """Meaning of unknown pixels, and of pixels of grey 205, which map_saver writes for unknown. Unless given, pixels
+    between the thresholds are walls, as most lie behind the walls, and the thresholds decide on grey 205."""
     origin: Annotated[si.Point2, SHAPE] | None = None
     """Where the domain's lower corner lies in the map's frame, x and y. Unless given, it is the lower corner of the box
     around the map."""

@@ -38,6 +38,17 @@ def plan(folder: Path, walls: np.ndarray, extent, size=0.05, at=(0.0, 0.0, 0.0),
     return FloorPlan(SimpleNamespace(**{**given, "motion": None, **keys}), extent, folder)
 
 
+def rooms(obstacles: list, size=(1.0, 1.0)) -> dict[str, Any]:
+    """Return a scenario whose only robot and source have room in any map."""
+    return {
+        "duration": 1.0,
+        "domain": {"size": list(size), "spacing": 0.025},
+        "wind": {"kind": "synthetic", "speed": 0.1},
+        "obstacles": obstacles,
+        "gas": {"kind": "eulerian", "sources": [{"position": [0.45, 0.05], "rate": 1e-6}]},
+    }
+
+
 def turn(yaw: float) -> np.ndarray:
     return np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
 
@@ -90,7 +101,7 @@ def test_the_first_row_is_the_upper_edge_and_what_is_transparent_is_unknown(tmp_
         ("origin: [0.0, 0.0, 0.0]", "origin: [a, 0]", r"origin\[0\]: got 'a'"),
         ("occupied_thresh: 0.65", "occupied_thresh: 0.1", "free_thresh: must be less than occupied_thresh"),
         ("negate: 0", "negate: 0\nmode: best", "mode: got 'best'; allowed: trinary, scale, raw"),
-        ("image: plan.pgm", "image: ../plan.pgm", r"image: '\.\./plan\.pgm' lies outside its folder"),
+        ("image: plan.pgm", "image: ../other.pgm", r"image: '\.\./other\.pgm' lies outside its folder"),
         ("image: plan.pgm", "image: /etc/passwd", "lies outside its folder"),
         ("image: plan.pgm", "image: [1]", "must be the name of a picture"),
         ("image: plan.pgm", "image: none.pgm", "none.pgm: no such file"),
@@ -110,6 +121,113 @@ def test_faults_are_reported_in_a_line(tmp_path, old, new, reported):
         read_map(path)
     assert "\n" not in str(caught.value)
     assert str(caught.value).startswith("plan.yaml: ")
+
+
+@pytest.mark.parametrize(
+    "name", ["/home/me/maps/plan.pgm", "../rooms/plan.pgm", "C:\\maps\\plan.pgm", "maps/plan.pgm"]
+)
+def test_a_picture_beside_the_yaml_file_is_taken_for_one_of_another_computer(tmp_path, name):
+    path = write(tmp_path, np.eye(4, dtype=bool))
+    here = read_map(path)
+    assert here.remarks == ()
+    path.write_text(path.read_text().replace("image: plan.pgm", f"image: {name}"))
+    found = read_map(path)
+    np.testing.assert_array_equal(found.pixels, here.pixels)
+    (remark,) = found.remarks
+    assert "plan.pgm beside" in remark
+    assert image_of(path) == tmp_path / "plan.pgm"
+
+
+def test_a_picture_at_the_stated_place_is_taken_before_one_beside(tmp_path):
+    path = write(tmp_path, np.zeros((4, 4), bool))
+    (tmp_path / "maps").mkdir()
+    Image.fromarray(np.zeros((2, 3), np.uint8)).save(tmp_path / "maps" / "plan.pgm")
+    path.write_text(path.read_text().replace("image: plan.pgm", "image: maps/plan.pgm"))
+    assert read_map(path).pixels.shape == (3, 2)
+    assert read_map(path).remarks == ()
+
+
+def test_a_link_beside_that_leads_elsewhere_is_refused(tmp_path):
+    (tmp_path / "a").mkdir()
+    path = write(tmp_path / "a", np.zeros((4, 4), bool))
+    (tmp_path / "a" / "plan.pgm").rename(tmp_path / "plan.pgm")
+    (tmp_path / "a" / "plan.pgm").symlink_to(tmp_path / "plan.pgm")
+    path.write_text(path.read_text().replace("image: plan.pgm", "image: /maps/plan.pgm"))
+    with pytest.raises(MapError, match="lies outside its folder"):
+        read_map(path)
+
+
+def saved_by_map_saver(folder: Path, thresholds: str, kind: str = "pgm") -> Path:
+    """Write a map of 7 unknown, 3 occupied and 10 free pixels, as map_saver does; return its YAML file."""
+    shades = np.array([205] * 7 + [0] * 3 + [254] * 10, np.uint8).reshape(4, 5)
+    picture = Image.fromarray(shades.astype(np.uint16) * 257 if kind == "16 bit" else shades)
+    name = "plan.pgm" if kind == "pgm" else "plan.png"
+    (picture.convert("RGB") if kind == "RGB" else picture).save(folder / name)
+    (folder / "m.yaml").write_text(
+        f"image: {name}\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n{thresholds}"
+    )
+    return folder / "m.yaml"
+
+
+@pytest.mark.parametrize("kind", ["pgm", "png", "RGB", "16 bit"])
+@pytest.mark.parametrize(
+    ("thresholds", "unknown", "walls", "words"),
+    [
+        (
+            "occupied_thresh: 0.65\nfree_thresh: 0.25\n",
+            None,
+            3,
+            ("7 pixels of grey 205", "free_thresh", "unknown: wall"),
+        ),
+        ("occupied_thresh: 0.65\nfree_thresh: 0.25\n", "wall", 10, ("7 pixels of grey 205", "unknown: wall")),
+        ("occupied_thresh: 0.65\nfree_thresh: 0.25\n", "free", 3, ()),
+        ("occupied_thresh: 0.65\nfree_thresh: 0.196\n", None, 10, ()),
+        ("occupied_thresh: 0.65\nfree_thresh: 0.196\n", "free", 3, ()),
+        (
+            "occupied_thresh: 0.15\nfree_thresh: 0.1\n",
+            None,
+            10,
+            ("7 pixels", "occupied_thresh", "unknown: free"),
+        ),
+        ("occupied_thresh: 0.15\nfree_thresh: 0.1\n", "free", 3, ("7 pixels", "unknown: free")),
+        ("occupied_thresh: 0.65\nfree_thresh: 0.25\nmode: scale\n", None, 3, ()),
+        ("occupied_thresh: 0.65\n", "wall", 10, ("free_thresh is missing", "0.25", "7 pixels")),
+        (
+            "occupied_thresh: 0.65\nfree_threshold: 0.25\n",
+            "wall",
+            10,
+            ("not read: free_threshold", "0.25 is assumed", "7 pixels"),
+        ),
+    ],
+)
+def test_map_savers_grey_for_unknown_is_never_air_in_silence(
+    tmp_path, kind, thresholds, unknown, walls, words
+):
+    saved_by_map_saver(tmp_path, thresholds, kind)
+    keys = {} if unknown is None else {"unknown": unknown}
+    room = rooms(obstacles=[{"kind": "map", "file": "m.yaml", **keys}], size=(0.5, 0.4))
+    _, resources = load(room, folder=tmp_path)
+    shape = resources.shapes["obstacles[0]"]
+    assert isinstance(shape, FloorPlan)
+    assert shape.solid.sum() == walls
+    facts = resources.facts["obstacles[0]"]
+    for text in ("5 x 4 pixels of 0.1 m", "x 0 to 0.5 m", "y 0 to 0.4 m", f"{walls} wall pixels"):
+        assert text in facts.text
+    said = " ".join(line for line in resources.warnings if line.startswith("obstacles[0]"))
+    for word in words:
+        assert word in said
+    assert ("grey" in said) == any("pixels" in word for word in words)
+
+
+def test_all_keys_of_a_scenario_with_a_map_keep_its_walls(tmp_path):
+    """`unknown` has an effect of its own if given: a default that is written out must not be one of its values."""
+    saved_by_map_saver(tmp_path, "occupied_thresh: 0.65\nfree_thresh: 0.25\n")
+    room = rooms(obstacles=[{"kind": "map", "file": "m.yaml"}], size=(0.5, 0.4))
+    scenario = load_scenario(room, folder=tmp_path)
+    scenario.to_yaml(tmp_path / "s.yaml", defaults=True)
+    shape = load(tmp_path / "s.yaml").resources.shapes["obstacles[0]"]
+    assert isinstance(shape, FloorPlan)
+    assert shape.solid.sum() == 3
 
 
 @pytest.mark.parametrize("size", [(10_000, 10_000), (100_000, 100_000)])

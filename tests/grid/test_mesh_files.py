@@ -87,13 +87,67 @@ def test_every_format_is_read_as_it_is_and_every_cut_is_reported(tmp_path, name)
     """A cut OBJ, which has no counts, is an open body."""
     content = CONTENTS[name]
     assert solid(tmp_path / name, content).triangles.shape == (12, 3)
-    vertices, triangles = read_mesh(tmp_path / name)
-    assert triangles.shape == (12, 3)
-    assert np.linalg.norm(doubled_areas(vertices[triangles]), axis=1).sum() / 2 == pytest.approx(4.0)
+    mesh = read_mesh(tmp_path / name)
+    assert mesh.triangles.shape == (12, 3)
+    assert mesh.remarks == ()
+    assert np.linalg.norm(doubled_areas(mesh.vertices[mesh.triangles]), axis=1).sum() / 2 == pytest.approx(
+        4.0
+    )
     for end in {*range(0, len(content) - 2, 7), len(content) - 2}:
         with pytest.raises(MeshError) as caught:
             solid(tmp_path / name, content[:end])
         assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize("name", ["text.stl", "a.obj", "text.ply", "little.ply", "mixed_text.ply"])
+def test_byte_order_marks_are_skipped(tmp_path, name):
+    assert solid(tmp_path / name, b"\xef\xbb\xbf" + CONTENTS[name]).triangles.shape == (12, 3)
+    if name.endswith((".obj", "t.stl")):
+        for order in ("utf-16-le", "utf-16-be"):
+            wide = ("\ufeff" + CONTENTS[name].decode()).encode(order)
+            assert solid(tmp_path / name, wide).triangles.shape == (12, 3)
+
+
+@pytest.mark.parametrize("name", CONTENTS)
+@pytest.mark.parametrize("padding", [b"\0", b"\n", b"\r\n \t\n", b"\x1a", b"\0" * 600, b" " * 51])
+def test_padding_at_the_end_is_skipped_with_a_remark(tmp_path, name, padding):
+    found = solid(tmp_path / name, CONTENTS[name] + padding)
+    assert found.triangles.shape == (12, 3)
+    np.testing.assert_array_equal([found.low, found.high], [[1, 1, 0], [2, 2, 0.5]])
+    binary = name in ("binary.stl", "little.ply", "big.ply", "quads.ply", "mixed.ply")
+    assert [f"{len(padding)} bytes after" in remark for remark in found.remarks] == [True] * binary
+
+
+def test_a_part_of_a_row_at_the_end_is_padding_but_a_row_is_not(tmp_path):
+    for name, row in (("binary.stl", 50), ("little.ply", 14)):
+        assert solid(tmp_path / name, CONTENTS[name] + b"\1" * (row - 1)).remarks
+        with pytest.raises(MeshError, match="damaged"):
+            solid(tmp_path / name, CONTENTS[name] + b"\1" * row)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "factor"),
+    [
+        ("a.obj", b"# Units: millimeters\n" + obj(), 0.001),
+        ("a.obj", b"# made by me\n#unit cm\n" + obj(), 0.01),
+        ("a.obj", b"# all lengths; unit is inch\n" + obj(), 0.0254),
+        ("a.ply", ply("<").replace(b"comment of \xff mine", b"comment unit mm"), 0.001),
+        ("a.ply", ply("").replace(b"comment of \xff mine", b"comment units=feet"), 0.3048),
+        ("a.stl", stl_text().replace(b"box of mine", b"box units=mm", 1), 0.001),
+        ("a.stl", b"UNITS=mm".ljust(80, b"\0") + stl_bytes(BOX)[80:], 0.001),
+        ("a.obj", b"# a unit cube of ten units by hand\n# units: parsec\n" + obj(), None),
+        ("a.obj", b"# unit: m\n" + obj(), 1.0),
+        ("a.obj", obj(), None),
+    ],
+)
+def test_a_unit_in_a_comment_is_reported_unless_the_scale_is_its(tmp_path, name, content, factor):
+    (tmp_path / name).write_bytes(content)
+    unit = read_mesh(tmp_path / name).unit
+    assert (unit and unit[0]) == factor
+    remarks = Solid(Mesh(kind="mesh", file=name), 3, tmp_path).remarks
+    assert [f"scale: {factor}" in remark for remark in remarks] == [True] * (factor not in (None, 1.0))
+    if factor is not None:
+        assert Solid(Mesh(kind="mesh", file=name, scale=factor), 3, tmp_path).remarks == ()
 
 
 @pytest.mark.parametrize(
@@ -157,7 +211,8 @@ def test_a_fine_mesh_is_the_same_in_text_and_binary(tmp_path):
     vertices, quads = torus()
     write_obj(tmp_path / "a.obj", vertices, quads)
     (tmp_path / "a.ply").write_bytes(ply("<", quads.tolist(), vertices))
-    (ours, first), (theirs, second) = read_mesh(tmp_path / "a.obj"), read_mesh(tmp_path / "a.ply")
+    text, binary = read_mesh(tmp_path / "a.obj"), read_mesh(tmp_path / "a.ply")
+    (ours, first), (theirs, second) = ((mesh.vertices, mesh.triangles) for mesh in (text, binary))
     np.testing.assert_allclose(ours, theirs, atol=1e-6)
     assert len(first) == len(second) == 2 * len(quads)
 

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 from bodies import FLOOR, ROOM, SHAPES, is_inside, random_points
 
+from taichi_plume.assembly.preparation import load, load_scenario
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.meshes import MeshError, Solid
+from taichi_plume.grid.winding_number import solid_angles
 from taichi_plume.scenario.domain import Domain
+from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.obstacles import Mesh
 from taichi_plume.scenario.shapes import shape
 
@@ -119,6 +122,203 @@ def test_overlapping_bodies_of_a_mesh_are_united(tmp_path):
     one = shape(Mesh(kind="mesh", file=file), ROOM, tmp_path)
     expected = [((centers > low) & (centers < high)).all(axis=-1) for low, high in bodies]
     np.testing.assert_array_equal(one.inside(centers), expected[0] | expected[1])
+
+
+@pytest.mark.parametrize("yaw", [0.0, 35.0])
+def test_y_up_models_are_turned_before_all_else(tmp_path, yaw):
+    """An upright box whose file has (x, z, -y) for the room's (x, y, z)."""
+    low, high = np.array([-0.3, -0.2, 0.0]), np.array([0.5, 0.2, 0.4])
+    triangles = box_triangles(low, high)
+    upright = write_stl(tmp_path / "z.stl", triangles)
+    lying = write_stl(
+        tmp_path / "y.stl", np.stack([triangles[..., 0], triangles[..., 2], -triangles[..., 1]], axis=-1)
+    )
+    keys = {"kind": "mesh", "yaw_deg": yaw, "translate": (2.0, 1.4, 0.1), "scale": 1.5}
+    expected = shape(Mesh(file=upright, **keys), ROOM, tmp_path)
+    found = shape(Mesh(file=lying, up="y", **keys), ROOM, tmp_path)
+    np.testing.assert_allclose([found.low, found.high], [expected.low, expected.high], atol=1e-6)
+    np.testing.assert_array_equal(found.inside(centers), expected.inside(centers))
+    turned = shape(Mesh(file=lying, **keys), ROOM, tmp_path)
+    assert isinstance(turned, Solid)
+    np.testing.assert_allclose(turned.turned_up(), [expected.low, expected.high], atol=1e-6)
+    assert isinstance(found, Solid)
+    np.testing.assert_allclose(found.turned_up(), [turned.low, turned.high], atol=1e-6)
+    assert "y up" in found.text
+
+
+def room(obstacle: dict, size: list) -> dict:
+    return {
+        "duration": 1.0,
+        "domain": {"size": size, "spacing": 0.1},
+        "wind": {"kind": "synthetic", "speed": 0.1},
+        "obstacles": [{"kind": "mesh", **obstacle}],
+        "gas": {"kind": "eulerian", "sources": [{"position": [0.2] * len(size), "rate": 1e-6}]},
+    }
+
+
+def test_a_mesh_that_fits_with_another_axis_up_is_told_the_key(tmp_path):
+    """Outside of the room, below its floor, or beside the height of its section."""
+    cupboard = box_triangles((1, 1, 0), (2, 1.5, 0.8))
+    lying = np.stack([cupboard[..., 0], cupboard[..., 2], -cupboard[..., 1]], axis=-1)
+    write_stl(tmp_path / "y.stl", lying)
+    write_stl(tmp_path / "z.stl", cupboard)
+    for file, size, other in (("y.stl", [4, 3, 1], "y"), ("y.stl", [4, 3], "y"), ("z.stl", [4, 3, 1], "z")):
+        up = {"y": "z", "z": "y"}[other]
+        with pytest.raises(ScenarioError, match=f"give up: {other}|or up: {other}"):
+            load_scenario(room({"file": file, "up": up, "section": 0.4}, size), folder=tmp_path)
+        fits = room({"file": file, "up": other, "section": 0.4}, size)
+        _, resources = load(fits, folder=tmp_path)
+        assert not any(line.startswith("obstacles") for line in resources.warnings)
+        assert "x 1 to 2 m, y 1 to 1.5 m, z 0 to 0.8 m" in resources.facts["obstacles[0]"].text
+    lying[..., 2] += 1.3  # partly below the floor
+    write_stl(tmp_path / "part.stl", lying)
+    fits = {"file": "part.stl", "translate": [0, 1.3, 0]}
+    warnings = load(room(fits, [4, 4, 1]), folder=tmp_path).resources.warnings
+    assert any("give up: y" in line for line in warnings)
+
+
+def fine(low, high, n=10):
+    """Return the triangles of an upright box that face outwards, 2 n² on each of its sides."""
+    steps = np.linspace(0.0, 1.0, n + 1)
+    a, b = (x.ravel() for x in np.meshgrid(steps[:-1], steps[:-1], indexing="ij"))
+    corners = np.array([(0, 0), (1, 0), (1, 1), (0, 0), (1, 1), (0, 1)]) / n
+    flat = np.stack([a[:, None] + corners[:, 0], b[:, None] + corners[:, 1]], axis=-1).reshape(-1, 3, 2)
+    triangles = []
+    for axis in range(3):
+        for side in (0.0, 1.0):
+            one = np.insert(flat, axis, side, axis=-1)
+            triangles.append(one if (side == 1.0) == (axis != 1) else one[:, ::-1])
+    return np.concatenate(triangles) * (np.array(high) - low) + low
+
+
+def without(triangles, low, high):
+    """Return the triangles whose middle is outside of a box."""
+    middle = triangles.mean(axis=1)
+    return triangles[~((middle > low) & (middle < high)).all(axis=1)]
+
+
+def placed(folder, triangles, **keys):
+    found = shape(Mesh(kind="mesh", file=write_stl(folder / "open.stl", triangles), **keys), ROOM, folder)
+    assert isinstance(found, Solid)
+    return found
+
+
+def ball(n=48, radius=0.45):
+    """Return triangles of a sphere about (2, 1.5, 0.5) that face outwards."""
+    u, v = np.meshgrid(np.linspace(0, 2 * pi, 2 * n + 1), np.linspace(0, pi, n + 1), indexing="ij")
+    p = radius * np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1) + (
+        2.0,
+        1.5,
+        0.5,
+    )
+    p[-1] = p[0]
+    first = np.stack([p[:-1, :-1], p[:-1, 1:], p[1:, 1:]], axis=2).reshape(-1, 3, 3)
+    second = np.stack([p[:-1, :-1], p[1:, 1:], p[1:, :-1]], axis=2).reshape(-1, 3, 3)
+    return np.concatenate([first, second])
+
+
+@pytest.mark.parametrize("lost", [1, 30, 150])
+@pytest.mark.parametrize("facing", ["outwards", "inwards", "at random"])
+def test_a_sphere_with_holes_is_the_sphere(tmp_path, lost, facing):
+    random = np.random.default_rng(lost)
+    triangles = random.permutation(ball())[lost:]
+    turned = {"outwards": 0.0, "inwards": 1.0, "at random": 0.3}[facing]
+    some = random.random(len(triangles)) < turned
+    triangles[some] = triangles[some][:, ::-1]
+    one = placed(tmp_path, triangles)
+    volume = one.inside(centers).sum() * 0.05**3
+    assert volume == pytest.approx(4 / 3 * pi * 0.45**3, rel=0.02)
+    p = random_points(5000)
+    away = np.linalg.norm(p - (2.0, 1.5, 0.5), axis=-1) - 0.45
+    distance = one.signed_distance(p)
+    np.testing.assert_array_equal(one.inside(p), distance < 0)
+    far = abs(away) > 0.05  # beyond the width of the holes
+    np.testing.assert_allclose(distance[far], away[far], atol=0.02)
+    words = " ".join(one.remarks)
+    assert "not watertight" in words
+    assert "open" in words
+    assert ("turned" in words) == (facing == "at random")
+
+
+def test_a_flat_hole_is_closed_flat(tmp_path):
+    """In space and in section, also beside a closed body, and for a shape that is turned and moved."""
+    low, high = np.array([1.0, 1.0, 0.1]), np.array([2.2, 2.0, 0.9])
+    holed = without(fine(low, high), (2.19, 1.3, 0.3), (2.21, 1.7, 0.6))
+    beside = box_triangles((3.0, 1.0, 0.0), (3.5, 2.0, 0.5))
+    one = placed(tmp_path, np.concatenate([holed, beside]))
+    p = random_points(20_000)
+    first = ((p > low) & (p < high)).all(axis=1)
+    second = ((p > (3.0, 1.0, 0.0)) & (p < (3.5, 2.0, 0.5))).all(axis=1)
+    np.testing.assert_array_equal(one.inside(p), first | second)
+    np.testing.assert_array_equal(one.signed_distance(p) < 0, first | second)
+    flat = shape(Mesh(kind="mesh", file="open.stl", section=0.45), FLOOR, tmp_path)
+    np.testing.assert_array_equal(flat.inside(p[:, :2]), flat.signed_distance(p[:, :2]) < 0)
+    np.testing.assert_array_equal(flat.inside(p[:, :2]), _in_rectangles(p))
+    assert "2 bodies" in one.text
+
+
+def _in_rectangles(p):
+    x, y = p[:, 0], p[:, 1]
+    return (y > 1) & (y < 2) & (((x > 1) & (x < 2.2)) | ((x > 3) & (x < 3.5)))
+
+
+def test_walls_of_a_house_with_open_door_frames_hold_its_air(tmp_path):
+    """Outer and inner faces of walls, whose frame around the door is missing."""
+    outer = without(fine((0.2, 0.2, -0.2), (3.8, 2.8, 1.2), 26), (3.79, 1.2, 0.1), (3.81, 1.7, 0.6))
+    inner = without(fine((0.4, 0.4, 0.0), (3.6, 2.6, 1.0), 26)[:, ::-1], (3.59, 1.2, 0.1), (3.61, 1.7, 0.6))
+    one = placed(tmp_path, np.concatenate([outer, inner]))
+    p = random_points(20_000)
+    rooms = ((p > (0.4, 0.4, 0.0)) & (p < (3.6, 2.6, 1.0))).all(axis=1)
+    whole = ((p > (0.2, 0.2, -0.2)) & (p < (3.8, 2.8, 1.2))).all(axis=1)
+    door = (p[:, 0] > 3.3) & (abs(p[:, 1] - 1.45) < 0.5) & (p[:, 2] < 0.8)
+    np.testing.assert_array_equal(one.inside(p)[~door], (whole & ~rooms)[~door])
+    assert not one.inside(np.array([[3.7, 1.45, 0.35]]))[0]  # the doorway itself is open
+
+
+def test_bodies_that_share_an_edge_are_their_union(tmp_path):
+    boxes = [((1.0, 1.0, 0.0), (2.0, 2.0, 1.0)), ((2.0, 2.0, 0.0), (3.0, 3.0, 1.0))]
+    for make in (fine, lambda low, high, n: box_triangles(low, high)):
+        one = placed(tmp_path, np.concatenate([make(*box, 1) for box in boxes]))
+        p = random_points()
+        inside = [((p > low) & (p < high)).all(axis=1) for low, high in boxes]
+        np.testing.assert_array_equal(one.inside(p), inside[0] | inside[1])
+        assert "non-manifold" in " ".join(one.remarks)
+
+
+def test_corners_that_differ_by_rounding_are_joined(tmp_path):
+    """As in text files of six digits."""
+    box = fine((1, 1, 0), (2, 2, 0.5))
+    one = placed(tmp_path, box + np.random.default_rng(0).uniform(-1e-6, 1e-6, box.shape))
+    p = random_points()
+    np.testing.assert_array_equal(one.inside(p), ((p > (1, 1, 0)) & (p < (2, 2, 0.5))).all(axis=1))
+    (remark,) = one.remarks
+    assert "joined" in remark
+
+
+def test_solid_angles_are_those_of_closed_forms():
+    """A square of half-width a at height d covers 4 asin(a²/(a² + d²)); a closed box all or nothing."""
+    square = np.array([[[-1, -1, 0], [1, -1, 0], [1, 1, 0]], [[-1, -1, 0], [1, 1, 0], [-1, 1, 0]]], float)
+    d = np.array([0.1, 1.0, 7.0])
+    points = np.stack([0 * d, 0 * d, -d], axis=-1)
+    np.testing.assert_allclose(solid_angles(points, square), np.arcsin(1 / (1 + d**2)) / pi, rtol=1e-12)
+    p = random_points(1000)
+    inside = ((p > (1, 1, 0.2)) & (p < (2, 2, 0.6))).all(axis=1)
+    np.testing.assert_allclose(solid_angles(p, fine((1, 1, 0.2), (2, 2, 0.6), 3)), inside, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["sheet", "tray", "deep bin", "tube"])
+def test_bodies_that_are_truly_open_are_refused(tmp_path, name):
+    triangles = {
+        "sheet": fine((1, 1, 0.2), (2, 2, 0.8))[:200],
+        "tray": without(fine((1, 1, 0), (2, 2, 0.2)), (0, 0, 0.19), (4, 4, 1)),
+        "deep bin": without(fine((1, 1, 0), (1.3, 1.3, 0.9)), (0, 0, 0.89), (4, 4, 1)),
+        "tube": without(
+            without(fine((1, 1, 0), (2, 1.3, 0.3)), (0, 0, 0), (1.01, 4, 4)), (1.99, 0, 0), (4, 4, 4)
+        ),
+    }
+    with pytest.raises(MeshError, match=r"not watertight: \d+ open") as caught:
+        placed(tmp_path, triangles[name])
+    assert "mesh editor" in str(caught.value)
 
 
 def test_faulty_meshes_are_reported(tmp_path):

@@ -1,0 +1,114 @@
+"""Inside of a surface with holes by the generalised winding number: a point is inside where |w| > 1/2.
+
+Jacobson, Kavan & Sorkine-Hornung 2013, doi:10.1145/2461912.2461916: w is the solid angle of the surface seen from the
+point, over 4 pi. It is whole for a closed surface, and smooth across a hole, where it passes 1/2. A surface M and caps
+C over its holes are closed together, so w(M) = w(M and C) - w(C). The first is counted by rays, with the side from
+which a ray leaves; the second is a sum over the few triangles of the caps. A flat hole is thus closed flat.
+"""
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+
+MOST_PAIRS = 1 << 22  # points times triangles of caps computed together
+
+
+@dataclass(frozen=True)
+class Caps:
+    """Triangles (k, 3, 3) that close the holes of a surface, and the area of the holes, seen along their normals."""
+
+    corners: np.ndarray
+    area: float
+
+
+def caps_of(vertices: np.ndarray, triangles: np.ndarray) -> Caps:
+    """Return the caps over the holes of a surface: triangles from the middle of each rim to its edges.
+
+    vertices (n, 3), triangles (m, 3). An edge belongs to a rim as often as triangles on both of its sides run along it
+    in unlike numbers. A hole's area is the length of its vector area: of a crack between two equal rims it is 0.
+    """
+    edges = rim_edges(triangles)
+    if not len(edges):
+        return Caps(np.empty((0, 3, 3)), 0.0)
+    used, index = np.unique(edges, return_inverse=True)
+    index = index.reshape(-1, 2)
+    hole = _connected(index.T, len(used))
+    count = hole.max() + 1
+    middle = np.stack([np.bincount(hole, x, count) for x in vertices[used].T], axis=-1)
+    middle /= np.bincount(hole)[:, None]
+    apex = middle[hole[index[:, 0]]]
+    corners = np.stack([vertices[edges[:, 1]], vertices[edges[:, 0]], apex], axis=1)
+    normal = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    total = np.stack([np.bincount(hole[index[:, 0]], x, count) for x in normal.T], axis=-1)
+    return Caps(corners, float(np.linalg.norm(total, axis=1).sum()))
+
+
+def rim_edges(triangles: np.ndarray) -> np.ndarray:
+    """Return the directed edges (k, 2) of the rims of holes, each as often as triangles lack on its other side."""
+    ends = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    low, high = ends.min(axis=1), ends.max(axis=1)
+    pairs, index = np.unique(np.stack([low, high], axis=1), axis=0, return_inverse=True)
+    surplus = np.bincount(index.ravel(), np.where(ends[:, 0] == low, 1, -1), len(pairs)).astype(int)
+    forward = np.where(surplus[:, None] > 0, pairs, pairs[:, ::-1])
+    return np.repeat(forward, np.abs(surplus), axis=0)
+
+
+def solid_angles(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Return the solid angle (n,) of all triangles (k, 3, 3) together, seen from points (n, 3), over 4 pi.
+
+    van Oosterom & Strackee 1983, doi:10.1109/TBME.1983.325207, with scalar products from the lengths of the sides.
+    """
+    result = np.zeros(len(points))
+    if not len(corners):
+        return result
+    places, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    n1, n2, n3 = index.reshape(-1, 3).T
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    level = np.einsum("kd,kd->k", normal, corners[:, 0])
+    side_12, side_23, side_31 = (((corners[:, n] - corners[:, n - 2]) ** 2).sum(axis=1) for n in range(3))
+    step = max(1, MOST_PAIRS // len(corners))
+    for begin in range(0, len(points), step):
+        part = points[begin : begin + step].astype(float)
+        squared = sum((part[:, d, None] - places[:, d]) ** 2 for d in range(3))
+        length = np.sqrt(squared)
+        a, b, c = length[:, n1], length[:, n2], length[:, n3]
+        aa, bb, cc = squared[:, n1], squared[:, n2], squared[:, n3]
+        below = a * b * c + 0.5 * (
+            (aa + bb - side_12) * c + (bb + cc - side_23) * a + (cc + aa - side_31) * b
+        )
+        result[begin : begin + step] = np.arctan2(level - part @ normal.T, below).sum(axis=1)
+    return result / (2.0 * pi)
+
+
+def oriented(triangles: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, int]:
+    """Return triangles (m, 3) of which neighbours face the same way, and how many of them were turned.
+
+    Neighbours share an edge that no third triangle has. Of each patch of neighbours, the side is kept that more of its
+    area (m,) faces; a patch with only one side, as of a Moebius strip, stays as it is.
+    """
+    count = len(triangles)
+    ends = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    pairs, edge = np.unique(np.sort(ends, axis=1), axis=0, return_inverse=True)
+    order = np.argsort(edge.ravel(), kind="stable")
+    first = np.searchsorted(edge.ravel()[order], np.arange(len(pairs)))
+    shared = first[np.bincount(edge.ravel(), minlength=len(pairs)) == 2]
+    here, there = order[shared], order[shared + 1]
+    # nodes of the graph: triangle t as it is has the number t, turned t + count
+    unlike = (ends[here, 0] == ends[there, 0]) * count
+    here, there = here // 3, there // 3
+    firsts, seconds = [here, here + count], [there + unlike, there + count - unlike]
+    patch = _connected(np.stack([np.concatenate(firsts), np.concatenate(seconds)]), 2 * count)
+    faces = np.bincount(patch[:count], area, patch.max() + 1)
+    as_is, turned = faces[patch[:count]], faces[patch[count:]]
+    flip = (turned > as_is) | ((turned == as_is) & (patch[count:] < patch[:count]))
+    return np.where(flip[:, None], triangles[:, ::-1], triangles), int(flip.sum())
+
+
+def _connected(links: np.ndarray, count: int) -> np.ndarray:
+    """Return the number of the connected part of each of `count` nodes, with links (2, n) between them."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(links.shape[1], bool), tuple(links)), shape=(count, count))
+    return connected_components(graph, directed=False)[1]
