@@ -49,7 +49,7 @@ CHECKED = {
     "execution/repair.py: _lines": "`RunFolder.again` has refused links and irregular files",
     "files/plumesim_log.py: shorten": "`RunFolder.again` has refused links and irregular files",
     "record/stream.py: take_over": "`RunFolder.again` has refused links and irregular files",
-    "files/movie.py: _hdf5": "`unopenable` has accepted the path",
+    "files/stored_arrays.py: _hdf5": "`unopenable` has accepted the path",
     "record/recording_reader.py: _stream": "`unopenable` has accepted the path",
     "files/zarr_groups.py: __init__": "`irregular` has accepted the folder",
     "files/zarr_groups.py: open_dataset": "`Group` has opened the folder",

@@ -50,7 +50,7 @@ class ConventionError(ValueError):
 
 @dataclass(frozen=True)
 class FileFacts:
-    """What was read of a file: text in a line, such as "0.35 m/s at most, x 0 to 4 m"; remarks: what was assumed."""
+    """Facts on a file that was read. text: a line such as "0.35 m/s at most, x 0 to 4 m"; remarks: what was assumed."""
 
     text: str
     remarks: tuple[str, ...] = ()

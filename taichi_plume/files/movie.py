@@ -43,7 +43,7 @@ MOST_FRAMES = 10_000_000
 LARGEST = 1e12  # of a value: far beyond 1e6 ppm in any unit, and sums stay finite
 REGULAR = 0.01  # pixels or frames: tolerance of equal spacing
 GENERIC = re.compile(r"(phony_)?dim_?\d+", re.IGNORECASE)  # names of axes that say nothing
-LOOKED_AT = 25  # frames, spread over the movie, of which facts are told
+LOOKED_AT = 25  # frames, spread over the movie, that facts are taken from
 
 
 class Movie:

@@ -63,9 +63,9 @@ class NamedTable:
 
 
 def pick(
-    names: Sequence[str], wanted: Mapping[str, Column], given: Mapping[str, str] | None = None
+    names: Sequence[str], accepted: Mapping[str, Column], given: Mapping[str, str] | None = None
 ) -> dict[str, Picked]:
-    """Return the column of each wanted key in a header; keys without a column are left out.
+    """Return the column of each accepted key in a header; keys without a column are left out.
 
     given: header cells that the user names for some keys, with or without a unit, or numbers of columns from 1 on.
     Raises ConventionError if a named column is missing, or several columns have one name or an unknown unit.
@@ -73,7 +73,7 @@ def pick(
     whole = [" ".join(name.strip("'\"\ufeff ").split()).lower() for name in names]
     split = [split_unit(name) for name in names]
     picked = {}
-    for key, column in wanted.items():
+    for key, column in accepted.items():
         if given and key in given:
             picked[key] = _named(key, given[key], names, whole, split, column)
             continue
@@ -101,9 +101,9 @@ def _named(
     """Return the column that the user names for a key. Raises ConventionError."""
     text = " ".join(given.split()).lower()
     name, unit = split_unit(given)
-    for wanted, unit_given in ((text, ""), (name, unit)):
+    for cell, unit_given in ((text, ""), (name, unit)):
         for known in (whole, [each for each, _ in split]):
-            here = [n for n, each in enumerate(known) if each == wanted]
+            here = [n for n, each in enumerate(known) if each == cell]
             if len(here) > 1:
                 raise ConventionError(f"has several columns '{given}'; remove or rename all but one")
             if here:
@@ -139,20 +139,20 @@ def convert(values: np.ndarray, picked: Picked, column: Column, length_unit: str
 
 def read_columns(
     file: TextFile,
-    wanted: Mapping[str, Column],
+    accepted: Mapping[str, Column],
     given: Mapping[str, str] | None = None,
     missing: Sequence[float] = (),
     without_header: Sequence[str] = (),
     gaps: bool = False,
 ) -> NamedTable:
-    """Read the wanted columns of a text file, converted to the units of the reader.
+    """Read the accepted columns of a text file, converted to the units of the reader.
 
     given: see `pick`. missing: numbers that mean none, besides the usual ones. without_header: keys of the columns of a
     file without a header, if it has as many. gaps: whether cells may be empty. Raises the file's error.
     """
     first, mark = _first_row(file)
     try:
-        picked, all_names = _header(file, first, mark, wanted, given, without_header)
+        picked, all_names = _header(file, first, mark, accepted, given, without_header)
     except ConventionError as error:
         raise file.fault(f"{file.path}: {error}") from None
     lines = file.lines
@@ -164,13 +164,13 @@ def read_columns(
     table = Table(file, rows, width, mark, gaps=gaps, decimal=_decimal(lines, rows, mark))
     preamble = "\n".join(lines[:first])
     length = LENGTH_UNIT.search(preamble)
-    values, remarks = _values(table, wanted, picked, length[1] if length else "", missing)
+    values, remarks = _values(table, accepted, picked, length[1] if length else "", missing)
     return NamedTable(values, picked, (*file.remarks, *remarks), table, all_names)
 
 
 def _values(
     table: Table,
-    wanted: Mapping[str, Column],
+    accepted: Mapping[str, Column],
     picked: Mapping[str, Picked],
     length: str,
     missing: Sequence[float],
@@ -178,9 +178,9 @@ def _values(
     """Return the values by key, and remarks on missing ones; length: unit of lengths without a unit."""
     path, fault = table.file.path, table.file.fault
     dated = [
-        key for key, column in picked.items() if wanted[key].unit == "s" and _has_dates(table, column.index)
+        key for key, column in picked.items() if accepted[key].unit == "s" and _has_dates(table, column.index)
     ]
-    keys = [key for key in picked if not wanted[key].is_text and key not in dated]
+    keys = [key for key in picked if not accepted[key].is_text and key not in dated]
     numbers = table.numbers(*(picked[key].index for key in keys)) if keys else np.empty((len(table), 0))
     values, remarks = {}, []
     for key, column in zip(keys, numbers.T, strict=True):
@@ -191,11 +191,11 @@ def _values(
                 f"{none.sum()} of {len(column)} {picked[key].name} are {which}, which counts as missing"
             )
         try:
-            values[key] = convert(np.where(none, np.nan, column), picked[key], wanted[key], length)
+            values[key] = convert(np.where(none, np.nan, column), picked[key], accepted[key], length)
         except ConventionError as error:
             raise fault(f"{path}: {picked[key].name}: {error}") from None
     for key, column in picked.items():
-        if wanted[key].is_text:
+        if accepted[key].is_text:
             values[key] = table.texts(column.index)
     for key in dated:
         values[key] = iso_times(list(table.texts(picked[key].index)))
@@ -248,12 +248,12 @@ def _header(
     file: TextFile,
     first: int,
     mark: str | None,
-    wanted: Mapping[str, Column],
+    accepted: Mapping[str, Column],
     given: Mapping[str, str] | None,
     without: Sequence[str],
 ) -> tuple[dict[str, Picked], list[str]]:
     """Return the picked columns and all names of the header above line `first`. Raises ConventionError."""
-    needed = [key for key, column in wanted.items() if column.is_needed]
+    needed = [key for key, column in accepted.items() if column.is_needed]
     best: tuple[list[str], list[str]] | None = None
     error: ConventionError | None = None
     for line in reversed(file.lines[max(0, first - LONGEST_PREAMBLE) : first]):
@@ -263,7 +263,7 @@ def _header(
             if not any(names):
                 continue
             try:
-                picked = pick(names, wanted, given)
+                picked = pick(names, accepted, given)
             except ConventionError as fault:
                 error = error or fault
                 continue
@@ -279,7 +279,7 @@ def _header(
         and not set(needed) - set(given)
     ):
         names = [f"column {n + 1}" for n in range(width)]
-        return pick(names, {key: wanted[key] for key in given}, given), names
+        return pick(names, {key: accepted[key] for key in given}, given), names
     if len(without) == width and best is None and mark is None:
         return {key: Picked(n, key, "") for n, key in enumerate(without)}, list(without)
     if error is not None:

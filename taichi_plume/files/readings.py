@@ -252,9 +252,9 @@ def _data_frame(path: Path, frame: object, given: Mapping[str, str]) -> Columns:
     names = [str(name) for name in frame.columns]
     picked = _picked(path, names, given)
     try:
-        kept = frame.iloc[:, [column.index for column in picked.values()]]
-        kept = kept.set_axis([column.name for column in picked.values()], axis=1)
-        table = pa.Table.from_pandas(kept, preserve_index=False)
+        taken = frame.iloc[:, [column.index for column in picked.values()]]
+        taken = taken.set_axis([column.name for column in picked.values()], axis=1)
+        table = pa.Table.from_pandas(taken, preserve_index=False)
     except (pa.ArrowException, ValueError, TypeError, KeyError) as error:
         raise ReadingsError(f"{path}: cannot be read: {plain(str(error))}") from None
     return _columns(path, table, picked)

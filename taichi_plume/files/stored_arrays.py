@@ -128,8 +128,8 @@ def _chosen(path: Path, names: list[str], variable: str | None, usual: Sequence[
     if variable in names:
         return variable
     held = f"its variables: {visible(', '.join(names[:10]), 200)}" if names else "it has no variable"
-    wanted = " nor ".join(f"'{name}'" for name in usual) or "'array'"
-    missing = f"no '{visible(variable, 40)}'" if variable else f"neither {wanted}"
+    names_of = " nor ".join(f"'{name}'" for name in usual) or "'array'"
+    missing = f"no '{visible(variable, 40)}'" if variable else f"neither {names_of}"
     raise ArrayFileError(f"{path}: has {missing}; {held}; give the name of one")
 
 

@@ -1,11 +1,16 @@
 """Reader of imported air flow (CFD) as a table of points, one per line, in any order, each with its velocity.
 
-Accepted are tables with the names of columns of ParaView ("U:0", "Points:0" or "Coordinates:0", or U_0, Points_0 as in
-GADEN's wind_at_cell_centers_N.csv), Fluent (x-velocity, x-coordinate), STAR-CCM+ ("Velocity[i] (m/s)", "X (m)"),
-CFD-Post ("Velocity u [ m s^-1 ]"), COMSOL (% x y z u (m/s)) or plain x, y, z, u, v, w; and OpenFOAM's sampled sets in
-`raw` format, # x y z Ux Uy Uz, or six columns in this order without a comment. Units in the header count, otherwise
-they are m and m/s; `nut` [m²/s] is the eddy viscosity. Other columns are ignored. Files of a 2-D flow may leave out z
-and w. Points whose velocity is missing are left out.
+Known are these names of columns, and x, y, z, u, v, w:
+
+    ParaView      "Points:0" or "Coordinates:0", "U:0"; Points_0, U_0 as in GADEN's wind_at_cell_centers_N.csv
+    Fluent        x-coordinate, x-velocity
+    STAR-CCM+     "X (m)", "Velocity[i] (m/s)"
+    CFD-Post      X [ m ], Velocity u [ m s^-1 ]
+    COMSOL        % x y z u (m/s)
+    OpenFOAM      # x y z Ux Uy Uz of sampled sets in `raw` format, or six columns in this order without a comment
+
+Units in the header count, otherwise they are m and m/s; `nut` [m²/s] is the eddy viscosity. Other columns are ignored.
+Files of a 2-D flow may leave out z and w. Points whose velocity is missing are left out.
 """
 
 import re
@@ -15,13 +20,16 @@ from glob import escape, glob
 from itertools import pairwise
 from os.path import join
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from taichi_plume.files.named_columns import Column, read_columns
 from taichi_plume.files.tables import TextFile
-from taichi_plume.grid.point_box import Stand
 from taichi_plume.guard.safe_open import unopenable
+
+if TYPE_CHECKING:  # brings SciPy's optimisers
+    from taichi_plume.grid.point_box import Stand
 
 PLACES = ("points:{n}", "points_{n}", "points_{a}", "{a}", "coordinates:{n}", "coordinates_{n}", "coordinates_{a}",
           "c{a}", "c:{n}", "c_{n}", "{a}-coordinate", "{a} coordinate", "{a}_coordinate", "centroid[{a}]",
@@ -56,7 +64,7 @@ class Points:
     eddy_viscosity: np.ndarray | None
     box: tuple[np.ndarray, np.ndarray] | None = None
     remarks: tuple[str, ...] = ()
-    stand: Stand | None = None
+    stand: "Stand | None" = None
     left_out: int = 0
 
     @property
@@ -141,7 +149,7 @@ def read(path: Path, given: Mapping[str, str] | None = None, missing: Sequence[f
     )
 
 
-def _stand(path: Path, names: Sequence[str]) -> Stand | None:
+def _stand(path: Path, names: Sequence[str]) -> "Stand | None":
     """Return whether points are nodes or centres of cells by the header, or by a name as GADEN's; None if unknown."""
     text = " ".join([*names, path.name]).lower()
     nodes, cells = (

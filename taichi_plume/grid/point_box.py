@@ -64,14 +64,14 @@ def _lattice_with_holes(place: np.ndarray) -> list[np.ndarray] | None:
 def _named(nodes: np.ndarray, centres: np.ndarray) -> set[Stand]:
     """Return what the axes say, from masks of the axes that look like nodes and like centres."""
     kinds: dict[Stand, bool] = {"nodes": bool(nodes.any()), "centres": bool(centres.any())}
-    return {kind for kind, said in kinds.items() if said}
+    return {kind for kind, evidence in kinds.items() if evidence}
 
 
 def _anchors(low: np.ndarray, ends: np.ndarray, near: float) -> set[Stand]:
     """Return the meaning of points that start at 0 or at half a spacing; nothing if axes contradict each other."""
     first = low / ends[:, 0]
-    said = _named(np.abs(first) < near, np.abs(first - 0.5) < near)
-    return said if len(said) == 1 else set()
+    evidence = _named(np.abs(first) < near, np.abs(first - 0.5) < near)
+    return evidence if len(evidence) == 1 else set()
 
 
 def _of_domain(
@@ -86,8 +86,8 @@ def _of_domain(
     axes = [n for n, a in enumerate(used) if a < len(extent)]
     longer = np.array([extent[used[n]] - (high - low)[used[n]] for n in axes])
     spacing = ends[axes].mean(axis=1)
-    said = _named(np.abs(longer) < near * spacing, np.abs(longer - spacing) < near * spacing)
-    return said if len(said) == 1 else set()
+    evidence = _named(np.abs(longer) < near * spacing, np.abs(longer - spacing) < near * spacing)
+    return evidence if len(evidence) == 1 else set()
 
 
 def _multiples(low: np.ndarray, ends: np.ndarray) -> set[Stand]:

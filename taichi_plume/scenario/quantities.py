@@ -108,11 +108,11 @@ def conversion(written: str, unit: str) -> tuple[float, float]:
     try:
         if not text or len(text) > LONGEST_UNIT or _TOWER.search(text):
             raise ValueError
-        one, two = (_registry().Quantity(value, text).to(unit).magnitude for value in (1.0, 2.0))
+        first, second = (_registry().Quantity(value, text).to(unit).magnitude for value in (1.0, 2.0))
     except Exception:  # pint raises a dozen kinds of errors
         raise ValueError(f"'{written}' is no unit that converts to {unit}") from None
-    factor = _as_written(float(two) - float(one))
-    return factor, _as_written(float(one) - factor)
+    factor = _as_written(float(second) - float(first))
+    return factor, _as_written(float(first) - factor)
 
 
 def _as_written(value: float) -> float:

@@ -151,9 +151,10 @@ def test_several_robots_are_groups(tmp_path):
     bag = write(tmp_path / "a", messages)
     both = read(bag)
     assert len(both.t) == 2 * len(AT)
-    assert [line.split(":")[0] for line in both.topics] == ["fleet/r2", "r1", "fleet/r2, r1", "fleet/r2, r1"]
-    assert "in frame odom" in both.topics[2]
-    assert "name no frame" in both.topics[3]
+    assert [line.split(":")[0] for line in both.topics] == ["fleet/r2", "r1"]
+    assert [line.split(":")[0] for line in both.facts.remarks] == ["fleet/r2, r1"] * 2
+    assert "in frame odom" in both.facts.remarks[0]
+    assert "name no frame" in both.facts.remarks[1]
     second = read(bag, group="fleet/r2")
     np.testing.assert_allclose(second.place[:, 1], 2.0)
     np.testing.assert_allclose(second.wind, np.tile([-0.3, 0.0], (len(AT), 1)), atol=1e-6)
