@@ -24,7 +24,7 @@ SUMS = ("n", "a", "b", "aa", "bb", "ab", "apart")  # sums of recorded readings a
 
 
 class ReplayAlgorithm:
-    """Algorithm that moves the robots of a group along recorded paths. tick: control period [s]; ways: in the domain."""
+    """Algorithm that moves a group's robots along recorded paths. tick: control period [s]; ways: in the domain."""
 
     PER_GROUP: bool = True
     STATE: tuple[str, ...] = ("sums",)

@@ -13,6 +13,7 @@ the stamps of the messages, or the times of recording if a message has no stamp.
 missing readings. What was assumed is a remark.
 """
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -259,11 +260,25 @@ def _motion(source: _Source, gas: Series, read_at: np.ndarray, pose_topic: str |
             motion = _by_frames(source, gas.frame, root, read_at)
             return motion._replace(remarks=[_no_frame(source, root)])
     motion = _by_topics(source, gas.topic, read_at, None)
-    if gas.frame and gas.frame != motion.frame:
+    if not gas.frame or gas.frame == motion.frame:
+        return motion
+    body = frames.root(gas.frame)
+    chain = frames.chain(gas.frame, body)
+    if not chain or frames.carrier(chain):
         motion.remarks.append(
-            f"no frame leads to the sensor's, {gas.frame}: readings stand at the robot's position"
+            f"no frame leads to {gas.frame}: its readings are taken at the robot's position"
         )
-    return motion
+        return motion
+    ahead, left, up = frames.pose(chain, read_at[:1]).place[
+        0
+    ]  # mounted on the body, whose poses are those of the topic
+    place, heading = motion.here
+    c, s = np.cos(heading), np.sin(heading)
+    offset = np.stack([ahead * c - left * s, ahead * s + left * c, np.full(len(c), up)], axis=-1)
+    motion.remarks.append(
+        f"the poses of {motion.text} are assumed to be those of {body}, on which {gas.frame} is mounted"
+    )
+    return motion._replace(here=Pose(place + offset, heading))
 
 
 def _no_frame(source: _Source, frame: str) -> str:
@@ -353,8 +368,10 @@ def _gas_of(bag: Bag, topic: str, options: BagOptions) -> _Gas:
                 raise
             return [raw, np.nan]
 
+    named = options.units or _unit_in(topic)
+
     def plain(message: ros.Message) -> Sample:
-        return Sample(0.0, "", ppm(float(message.data), options.units or "ppm", None))
+        return Sample(0.0, "", ppm(float(message.data), named or "ppm", None))
 
     def sensor(message: ros.Message) -> Sample:
         units = {code: name for name, code in ros.UNITS.items()}.get(int(message.raw_units), "unknown")
@@ -372,12 +389,20 @@ def _gas_of(bag: Bag, topic: str, options: BagOptions) -> _Gas:
 
     stated = {ros.GAS_SENSOR: sensor, ros.GAS_SENSOR_ARRAY: array}.get(kind)
     series = bag.series(topic, stated or plain)
-    return _complete(topic, series, " and ".join(used), stated is None and not options.units)
+    return _complete(topic, series, " and ".join(used), stated is None and not named)
+
+
+def _unit_in(name: str) -> str | None:
+    """Return the unit at the end of the name of a topic or field, such as h2s_ppb or ohm; None if there is none."""
+    unit = re.split(r"[^a-z]", name.lower())[-1]
+    return unit if unit in UNITS else None
 
 
 def _numbers_of(bag: Bag, field: Field, options: BagOptions) -> _Gas:
     """Return the readings that are a number in the messages of any type. Raises BagError."""
-    number, units = NumberReader(bag, field), options.units or "ppm"
+    names = [step for step in field.steps if isinstance(step, str)]
+    named = options.units or _unit_in(names[-1]) or _unit_in(field.topic)
+    number, units = NumberReader(bag, field), named or "ppm"
 
     def get(message: ros.Message) -> Sample:
         stamp, frame, (raw,) = number(message)
@@ -385,7 +410,7 @@ def _numbers_of(bag: Bag, field: Field, options: BagOptions) -> _Gas:
 
     series = bag.series(field.topic, get)
     number.require_some(series.values)
-    return _complete(field.text, series, units, not options.units)
+    return _complete(field.text, series, units, not named)
 
 
 def _complete(name: str, series: Series, units: str, assumed: bool) -> _Gas:

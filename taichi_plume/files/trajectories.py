@@ -49,7 +49,7 @@ class Way:
 
     def moved(self, origin: Sequence[float]) -> "Way":
         """Return the path in axes in which the origin of its frame lies at `origin`, x and y [m]."""
-        return replace(self, place=np.add(self.place, [*origin, 0.0]))
+        return replace(self, place=self.place + np.array([*origin, 0.0]))
 
     def at(self, t: float) -> tuple[float, ...]:
         """Return x, y, z [m] and heading [rad] interpolated to time t [s], constant outside the recorded times."""

@@ -148,7 +148,8 @@ class Inbox:
         heading = np.array([ros.yaw(pose.orientation)])
         if not np.isfinite(place).all() or not np.isfinite(heading).all():
             raise MalformedError("position or orientation is no number")
-        self._require_inside(place)
+        sent = f"; sent as ({pose.position.x:.4g}, {pose.position.y:.4g}) m of frame {self.frame.name}"
+        self._require_inside(place, sent if any(self.frame.corner) else "")
         values = {"position": place, "heading": heading}
         if self.ceiling is not None:
             height = np.array([pose.position.z])
@@ -186,11 +187,14 @@ class Inbox:
             raise MalformedError(f"{names[column]} of robot {given.robot[n]} is no number")
         return values
 
-    def _require_inside(self, places: np.ndarray) -> None:
+    def _require_inside(self, places: np.ndarray, sent: str = "") -> None:
+        """Raise MalformedError if one of these positions (n, 2) [m] is off the floor; sent: end of its text."""
         outside = ((places < self.low) | (places > self.high)).any(axis=1)
         if outside.any():
             x, y = places[outside.argmax()]
-            raise MalformedError(f"({x:.4g}, {y:.4g}) m is not on the floor")
+            edges = zip("xy", self.low, self.high, strict=True)
+            floor = ", ".join(f"{axis} {low:.4g} to {high:.4g} m" for axis, low, high in edges)
+            raise MalformedError(f"({x:.4g}, {y:.4g}) m is not on the floor, {floor} of the domain{sent}")
 
     def _take(
         self,

@@ -482,7 +482,9 @@ def test_a_number_in_a_message_defined_in_the_bag(storage, ros1, tmp_path):
             ):
                 bag_readings.read(bag, options)
         return
-    (one,) = bag_readings.read(bag, BagOptions(reading=("/air.channels[1].ppb",), units="ppb"))
+    (one,) = bag_readings.read(bag, BagOptions(reading=("/air.channels[1].ppb",)))
+    assert one.topics.startswith("gas of /air.channels[1].ppb in ppb")
+    assert not any("assumed to be ppm" in remark for remark in one.remarks)
     np.testing.assert_allclose(one.ppm, 1.0 + one.read_at - 100.0, rtol=1e-6)
     np.testing.assert_allclose(one.at[:, 0], 0.2 * (one.read_at - 100.0), atol=1e-9)
     assert len(one.ppm) == 24
@@ -496,6 +498,32 @@ def test_a_number_in_a_message_defined_in_the_bag(storage, ros1, tmp_path):
             bag_readings.read(bag, BagOptions(reading=(text,)))
     with refused(BagError, bag, "name a number by --reading, such as /air.channels[0].ppb"):
         bag_readings.read(bag)
+
+
+@pytest.mark.parametrize(("topic", "factor"), [("/h2s_ppb", 1e-3), ("/pid/PPM", 1.0), ("/ppb_sensor", None)])
+def test_the_name_of_a_topic_may_state_the_unit(topic, factor, tmp_path):
+    numbers = [(t, topic, ros.message("std_msgs/msg/Float64", data=7.0 * t)) for t in AT]
+    (one,) = bag_readings.read(write(tmp_path / "a", [*in_map("/pose", POSE), *numbers]))
+    np.testing.assert_allclose(one.ppm, 7.0 * AT * (factor or 1.0))
+    assert any("assumed to be ppm" in remark for remark in one.remarks) is (factor is None)
+
+
+def test_a_sensor_is_mounted_on_the_body_whose_poses_are_recorded(tmp_path):
+    """0.3 m to the left of a robot that turns; /tf_static alone says so."""
+    still = (
+        0.0,
+        "/tf_static",
+        transforms(0.0, ("base", "arm", 0.0, 0.1, pi / 2), ("arm", "nose", 0.2, 0.0, 0.0)),
+    )
+    (one,) = bag_readings.read(
+        write(tmp_path / "a", [still, *poses(), *readings(frame="nose")]), BagOptions(frame="odom")
+    )
+    turn = 0.4 * AT
+    np.testing.assert_allclose(
+        one.at, np.column_stack([0.2 * AT - 0.3 * np.sin(turn), 1 + 0.3 * np.cos(turn)]), atol=1e-9
+    )
+    (remark,) = one.remarks
+    assert "assumed to be those of base, on which nose is mounted" in remark
 
 
 def test_values_that_mean_none_are_left_out(tmp_path):

@@ -96,5 +96,9 @@ def test_poses_are_taken_in_the_frame_of_the_map_alone(room, frame_id, taken):
     assert inbox.counts["taken"] == taken
     if taken:
         np.testing.assert_allclose(inbox.orders().position, [[5.0, 2.5]])
+        pose["position"] = {"x": 5.0, "y": -1.5}
+        inbox.hear_pose(0, ros.encode(ros.message("geometry_msgs/msg/PoseStamped", header=header, pose=pose)))
+        expected = "(7, -0.5) m is not on the floor, x 0 to 6 m, y 0 to 3 m of the domain; sent as (5, -1.5) m of frame"
+        assert expected in lines[0]
     else:
         assert f"frame '{frame_id}'; allowed: map" in lines[0]
