@@ -19,10 +19,11 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.gases import PlaybackGas, PureGas
 from taichi_plume.scenario.imported_wind import ImportedWind
-from taichi_plume.scenario.playback import MovieGas, PlaybackWind, Played
+from taichi_plume.scenario.playback import GadenGas, MovieGas, PlaybackWind, Played
 
 if TYPE_CHECKING:
     from taichi_plume.files.film import Film
+    from taichi_plume.files.gaden_film import GadenFilm
     from taichi_plume.files.movie import Movie
     from taichi_plume.files.shared_film import AirFilm
     from taichi_plume.solvers.imported_flow import ImportedFilm
@@ -205,7 +206,13 @@ class PlayedGas(GridGas):
 
     STATE = ("film",)
 
-    def __init__(self, gas: PlaybackGas | MovieGas, film: "Film | Movie", grid: Grid, t: float = 0.0):
+    def __init__(
+        self,
+        gas: PlaybackGas | MovieGas | GadenGas,
+        film: "Film | Movie | GadenFilm",
+        grid: Grid,
+        t: float = 0.0,
+    ):
         self.grid = grid
         self.dim = grid.dim
         name = film.gas_of(gas.species)

@@ -67,7 +67,7 @@ def cases(union: Any, but: tuple[str, ...] = ()) -> list[Any]:
 @pytest.mark.parametrize(
     "model",
     [
-        *cases(PureGas, but=("PlaybackGas", "PlumeSimGas", "FluentGas", "MovieGas")),
+        *cases(PureGas, but=("PlaybackGas", "PlumeSimGas", "FluentGas", "MovieGas", "GadenGas")),
         *cases(Algorithm, but=("Own", "Policy", "Replay", "Casting")),
         *cases(Map, but=("TimeSeriesMap",)),
     ],

@@ -21,7 +21,14 @@ from taichi_plume.scenario.gases import PlaybackGas, PureGas
 from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.initial_conditions import InitialGas, InitialWind
 from taichi_plume.scenario.own_code import OwnCode, OwnGas, OwnLaw, OwnWind
-from taichi_plume.scenario.playback import MovieGas, Playback, PlaybackWind, PlumeSimLog, PlumeSimWind
+from taichi_plume.scenario.playback import (
+    GadenGas,
+    MovieGas,
+    Playback,
+    PlaybackWind,
+    PlumeSimLog,
+    PlumeSimWind,
+)
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas
 from taichi_plume.scenario.policy import Policy
 from taichi_plume.scenario.scenario import Scenario
@@ -29,13 +36,26 @@ from taichi_plume.scenario.vocabulary import Model
 
 if TYPE_CHECKING:  # they bring zarr and Taichi, for runs that need them
     from taichi_plume.files.film import Film
+    from taichi_plume.files.gaden_film import GadenFilm
     from taichi_plume.files.movie import Movie
     from taichi_plume.files.trajectories import Way
     from taichi_plume.files.wind_site import Site
     from taichi_plume.grid.cut_cells import Air
 
 
-OPENED = ("files", "facts", "shapes", "films", "frames", "movies", "code", "networks", "ways", "gases")
+OPENED = (
+    "files",
+    "facts",
+    "shapes",
+    "films",
+    "frames",
+    "movies",
+    "gaden_films",
+    "code",
+    "networks",
+    "ways",
+    "gases",
+)
 """Attributes of `Resources` with the contents of files, by the paths of the sections."""
 
 
@@ -64,6 +84,7 @@ class Resources:
     films: "dict[str, Film]" = field(default_factory=dict)
     frames: dict[str, PointFrames] = field(default_factory=dict)
     movies: "dict[str, Movie]" = field(default_factory=dict)
+    gaden_films: "dict[str, GadenFilm]" = field(default_factory=dict)
     site: "Site | None" = None
     code: dict[str, OwnFile] = field(default_factory=dict)
     own: dict[str, Code] = field(default_factory=dict)
@@ -226,6 +247,30 @@ def _movie(resources: Resources, path: str, model: MovieGas, folder: Path) -> No
         resources.movies[path], resources.facts[path] = movie, movie.facts()
 
 
+def _gaden(resources: Resources, path: str, model: GadenGas, folder: Path) -> PureGas | None:
+    """Open results of GADEN and read the first and last file; return the gas with their species and source."""
+    from taichi_plume.files.film import FilmError
+    from taichi_plume.files.gaden_film import GadenFilm
+    from taichi_plume.files.gaden_project import species_of
+
+    with _reported(resources, f"{path}.files", FilmError):
+        film = GadenFilm(folder, model, resources.scenario.domain)
+        for n in {0, len(film.times) - 1}:
+            film.frame(n, ["concentration"])
+        given = model.model_dump(exclude_none=True, exclude_unset=True)
+        species, remark = species_of(film.gas)
+        if "species" not in given:
+            film.remarks += [remark] if remark else []
+        elif model.vapour.name != film.gas:
+            film.remarks.append(
+                f"{film.path}: is of {film.gas}; its ppm are taken as those of {model.vapour.name}"
+            )
+        found = {"species": species, "sources": [{"position": film.source}]}
+        resources.gaden_films[path], resources.facts[path] = film, film.facts()
+        return GadenGas.model_validate(found | given)
+    return None
+
+
 def _site(resources: Resources, path: str, model: ImportedWind, folder: Path) -> None:
     """Read the first and the last file of an imported wind."""
     from taichi_plume.files.wind_points import WindFileError
@@ -278,6 +323,7 @@ OPENERS: dict[type[Model], Callable[[Resources, str, Any, Path], PureGas | None]
     PlumeSimGas: _points,
     FluentGas: _points,
     MovieGas: _movie,
+    GadenGas: _gaden,
     ImportedWind: _site,
     InitialWind: _moment,
     InitialGas: _moment,

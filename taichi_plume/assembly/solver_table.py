@@ -73,6 +73,7 @@ GASES: dict[str, str] = {
     "fluent": "plumesim.PointGas",
     "playback": "playback.PlayedGas",
     "movie": "playback.PlayedGas",
+    "gaden": "playback.PlayedGas",
     "own": "own_laws.OwnGasField",
 }
 """Modules and classes of the solvers, by kind. `_make` passes the arguments that the constructor names."""
@@ -96,8 +97,9 @@ def make_wind(model: AnyWind, ctx: Context) -> Wind:
 
 def make_gas(model: OneGas, path: str, ctx: Context, wind: Wind) -> Gas:
     """Return the solver of a gas section; path: key of the section in the scenario, wind: flow that carries the gas."""
-    films, movies = ctx.resources.films, ctx.resources.movies
-    return _make(GASES, model, path, ctx, wind=wind, film=films.get(path) or movies.get(path))
+    found = (ctx.resources.films, ctx.resources.movies, ctx.resources.gaden_films)
+    film = next((films[path] for films in found if path in films), None)
+    return _make(GASES, model, path, ctx, wind=wind, film=film)
 
 
 def _make(kinds: dict[str, str], model: Model, path: str, ctx: Context, **parts: Any) -> Any:

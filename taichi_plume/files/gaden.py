@@ -9,7 +9,6 @@ and then, from the floor upwards, layers of nx lines of ny numbers, each ended b
 1 obstacle, 2 outlet, which is air too.
 """
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,8 +17,8 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
-from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, is_number, shown
-from taichi_plume.files.wind_points import FASTEST, WindFileError
+from taichi_plume.files.tables import TextFile, shown
+from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.grid.clearance import FAR
 from taichi_plume.grid.cut_cells import SLIVER
 from taichi_plume.grid.grid import Grid
@@ -98,28 +97,6 @@ def _cells(file: TextFile, shape: tuple[int, ...]) -> np.ndarray:
     return np.array(rows).reshape(shape[2], shape[0], shape[1]).transpose(1, 2, 0)
 
 
-def uniform(path: Path) -> np.ndarray:
-    """Return the velocities (times, 3) [m/s] of GADEN's uniform wind: a line u,v,w per time. Raises WindFileError."""
-    file = TextFile(path, WindFileError)
-    table = Table(file, file.rows(0), 3, delimiter_of(file.lines[0]), "three numbers: u, v, w in m/s")
-    values = table.numbers(0, 1, 2)
-    fast = ~(np.abs(values) < FASTEST).all(axis=1)
-    table.refuse(fast, lambda row: f"{table.shown(row)} is no velocity below {FASTEST:g} m/s")
-    return values
-
-
-def is_uniform(path: Path) -> bool:
-    """Return whether a path names a file whose first line has three numbers and no name, as GADEN's uniform wind."""
-    if not os.path.isfile(path):
-        return False
-    try:
-        lines = [line for line in TextFile(path, WindFileError).lines if line.strip()[:1] not in ("", "#")]
-    except WindFileError:
-        return False
-    cells = cells_of(lines[0], delimiter_of(lines[0])) if lines else []
-    return len(cells) == 3 and all(map(is_number, cells))
-
-
 class Cubes(Shape):
     """Solid cubes of an occupancy grid as an obstacle's shape. origin: the domain's lower corner in the grid [m].
 
@@ -159,7 +136,9 @@ class Cubes(Shape):
         air = np.pad(~self.solid if outlets else ~(self.solid | self.outlet), 1, constant_values=True)
         counts = zip(self.low, self.solid.shape, strict=True)
         edges = [np.concatenate([[-np.inf], x + self.size * np.arange(n + 1), [np.inf]]) for x, n in counts]
-        overlaps = [_overlaps(np.arange(n + 1) * grid.dx, e) for n, e in zip(grid.shape, edges, strict=True)]
+        overlaps = [
+            overlaps_of(np.arange(n + 1) * grid.dx, e) for n, e in zip(grid.shape, edges, strict=True)
+        ]
         area = []
         for d, edge in enumerate(edges):
             planes = np.arange(grid.shape[d] + 1) * grid.dx
@@ -185,7 +164,7 @@ class Cubes(Shape):
         return np.stack([x[w][n] for x, w, n in zip(places, within, seen, strict=True)], axis=-1)
 
 
-def _overlaps(cells: np.ndarray, cubes: np.ndarray) -> np.ndarray:
+def overlaps_of(cells: np.ndarray, cubes: np.ndarray) -> np.ndarray:
     """Return the fraction of each cell covered by each cube along an axis, (cells, cubes), from the edges of both."""
     low, high = np.maximum(cells[:-1, None], cubes[:-1]), np.minimum(cells[1:, None], cubes[1:])
     return np.maximum(high - low, 0.0) / np.diff(cells)[:, None]

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
-from taichi_plume.files import gaden, gaden_models
+from taichi_plume.files import gaden, gaden_models, gaden_winds
 from taichi_plume.files.gaden_models import OLD, SIMULATIONS, VARIABLE, configuration, parameters, substituted
 from taichi_plume.files.gaden_results import GASES
 from taichi_plume.files.wind_points import WindFileError
@@ -225,7 +225,7 @@ def _wind(project: _Project, folder: Path) -> dict[str, Any]:
         if fault:
             raise project.wrong(f"its uniform wind {file} {fault}")
         try:
-            count = len(gaden.uniform(folder / file))
+            count = len(gaden_winds.uniform(folder / file))
         except WindFileError as error:
             raise ScenarioError([f"gaden: {error}"]) from None
         project.note(
@@ -356,8 +356,10 @@ def _gas(project: _Project, low: np.ndarray) -> dict[str, Any]:
     sigma, rate, step = project.number("sigma") / 100.0, project.number("rate"), project.number("step")
     if not sigma or not rate or not step:
         raise project.wrong("its filaments need a size, a rate and a time step above 0")
-    name = GASES[kind]
-    species, molar_mass = _species(project, name)
+    species, remark = species_of(GASES[kind])
+    molar_mass = SPECIES[species].molar_mass if isinstance(species, str) else species["molar_mass"]
+    if remark:
+        project.note(remark)
     rate *= _released(project)
     moles = project.number("ppm") * 1e-6 * project.number("pressure") * ATM
     moles *= (2.0 * pi) ** 1.5 * sigma**3 / (GAS_CONSTANT * max(project.number("temperature"), 1.0))
@@ -379,16 +381,16 @@ def _gas(project: _Project, low: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _species(project: _Project, name: str) -> tuple[str | dict[str, Any], float]:
-    """Return the key `species` of a gas of GADEN, and its molar mass [kg/mol]."""
+def species_of(name: str) -> tuple[str | dict[str, Any], str]:
+    """Return the key `species` of a gas of GADEN, and a remark on what is assumed; "" for none."""
     if name in SPECIES:
-        return name, SPECIES[name].molar_mass
+        return name, ""
     mass = GRAVITIES[name] * AIR_MOLAR_MASS
-    project.note(
+    remark = (
         f"{name} has no molar mass in GADEN; {1000.0 * mass:.4g} g/mol by its specific gravity {GRAVITIES[name]} and a "
         f"diffusivity of {DIFFUSIVITY:g} m2/s are assumed"
     )
-    return {"name": name, "molar_mass": mass, "diffusivity": DIFFUSIVITY}, mass
+    return {"name": name, "molar_mass": mass, "diffusivity": DIFFUSIVITY}, remark
 
 
 def _released(project: _Project) -> float:

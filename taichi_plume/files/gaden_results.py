@@ -2,6 +2,7 @@
 
     OccupancyGrid3D.csv                          cells that are walls or furniture; see files/gaden.py
     wind/wind_iteration_N                        int32 major and minor version, then float32 u, v, w of each cell
+    simulations/SPECIES/sim.yaml                 time between results and between winds [s], source
     simulations/SPECIES/result/iteration_N       zlib of what follows, little-endian:
         int32 major, minor version; int32 cells along x, y, z; float32 lower and upper corner [m], edge of a cell [m]
         text "point", float32 position of the source [m], int32 number of the gas
@@ -20,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import yaml
 
 from taichi_plume.files import disk
 from taichi_plume.files.run_folder import RunFolderError
@@ -73,6 +75,14 @@ def write(
     places = {name: _place(name, sources) for name in gases}
     for part in ("wind", *(f"simulations/{name.removesuffix(PPM)}/result" for name in gases)):
         (folder / part).mkdir(parents=True, exist_ok=True)
+    step = float(np.median(np.diff(data["time"].values))) if len(frames) > 1 else 1.0
+    for name, (number, place) in places.items():
+        path = folder / f"simulations/{name.removesuffix(PPM)}/sim.yaml"
+        source = {"sourceType": "point", "position": [float(x) for x in place], "gasType": number}
+        times = {"saveDeltaTime": step, "windIterationDeltaTime": step, "expectedNumIterations": len(frames)}
+        text = yaml.safe_dump({"source": source, **times}, sort_keys=False).encode()
+        yield len(text), path
+        _put(path, text)
     for n in frames:
         if wind:
             vectors = np.zeros((cells, 3), "<f4")

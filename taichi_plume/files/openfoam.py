@@ -55,7 +55,7 @@ def read(path: Path) -> Points:
     corners = np.stack([box for centres, box in meshes if len(centres)])
     box = (corners[:, 0].min(axis=0), corners[:, 1].max(axis=0))
     eddy_viscosity = np.maximum(np.concatenate(eddies), 0.0) if eddies else None
-    return Points(path, place, u, eddy_viscosity, box=box, remarks=tuple(remarks[:1]))
+    return Points(path, place, u, eddy_viscosity, box, tuple(remarks[:1]), "cell centres of OpenFOAM")
 
 
 def _folders(path: Path) -> list[tuple[Path, Path]]:

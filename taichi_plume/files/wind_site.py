@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from taichi_plume.files import gaden as occupancy
-from taichi_plume.files import openfoam, openfoam_case
+from taichi_plume.files import gaden_winds, openfoam, openfoam_case
 from taichi_plume.files import wind_points as wind_files
 from taichi_plume.files.conventions import FileFacts
 from taichi_plume.files.wind_points import Points, WindFileError
@@ -21,9 +21,8 @@ class Site:
 
     extent: edges of the simulated domain [m]. first: points of the first file; low, high: corners of the box that the
     mesh or, without one, the points fill (see `point_box`) [m], from the domain's lower corner; slack: tolerance of
-    that box [m]; origin: the domain's lower corner in the
-    files' coordinates [m]; height: for a 2-D run, z of the section in the files [m];
-    levels: limits of z; cubes: obstacles of the occupancy grid, if given.
+    that box [m]; form: text on the points; origin: the domain's lower corner in the files' coordinates [m]; height: for
+    a 2-D run, z of the section in the files [m]; levels: limits of z; cubes: obstacles of the occupancy grid, if given.
     """
 
     def __init__(self, wind: ImportedWind, extent: Sequence[float], folder: Path):
@@ -59,12 +58,9 @@ class Site:
     def _box(self, extent: Sequence[float]) -> tuple[np.ndarray, np.ndarray, float, str]:
         """Return the corners of the flow [m], their uncertainty [m], and a text on the form of its points."""
         if self.first.box is not None:
-            form = (
-                "corners of the grid (uniform wind of GADEN)" if self._uniform else "cell centres of OpenFOAM"
-            )
-            return *self.first.box, 0.0, form
+            return *self.first.box, 0.0, self.first.form
         box = box_of(Interpolation(self.first.place), extent, self.wind.points or self.first.stand)
-        form = {"nodes": "nodes", "centres": "centres of cells"}[box.stand]
+        form = self.first.form or {"nodes": "nodes", "centres": "centres of cells"}[box.stand]
         if not box.is_known and not self.wind.origin and not self.wind.occupancy:
             remark = "its points may be nodes or centres of cells; centres are assumed; give points or origin"
             self.remarks[remark] = None
@@ -78,30 +74,34 @@ class Site:
 
     def _uniform_wind(self, path: Path) -> dict[Path, np.ndarray]:
         """Return the velocity (3,) [m/s] per line FILE:LINE of GADEN's uniform wind; {} for another file."""
-        if not occupancy.is_uniform(path):
+        if not gaden_winds.is_uniform(path):
             return {}
         if self.grid is None:
             raise WindFileError(
                 f"{path}: has velocities without positions (uniform wind); give wind.occupancy"
             )
-        return {Path(f"{path}:{n}"): u for n, u in enumerate(occupancy.uniform(path), 1)}
+        return {Path(f"{path}:{n}"): u for n, u in enumerate(gaden_winds.uniform(path), 1)}
 
     def _read(self, path: Path) -> Points:
         if path in self._uniform and self.grid is not None:
             low, high = self.grid.low, self.grid.high
             place = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
-            return self._noted(
-                Points(path, place, np.tile(self._uniform[path], (8, 1)), None, box=(low, high))
+            velocity, form = (
+                np.tile(self._uniform[path], (8, 1)),
+                "corners of the grid (uniform wind of GADEN)",
             )
-        wind = self.wind
+            return self._noted(Points(path, place, velocity, None, (low, high), form=form))
+        wind, is_table = self.wind, False
         if openfoam_case.is_time(path):
-            if wind.columns or wind.points or wind.missing:
-                raise WindFileError(
-                    f"{path}: is a case of OpenFOAM; columns, points and missing are for tables"
-                )
             points = openfoam.read(path)
+        elif gaden_winds.is_binary(path):
+            if self.grid is None:
+                raise WindFileError(f"{path}: has no positions; give the grid as wind.occupancy")
+            points = gaden_winds.read(path, self.grid)
         else:
-            points = wind_files.read(path, wind.columns, wind.missing)
+            is_table, points = True, wind_files.read(path, wind.columns, wind.missing)
+        if not is_table and (wind.columns or wind.points or wind.missing):
+            raise WindFileError(f"{path}: is no table, for which columns, points and missing are")
         return self._noted(points)
 
     def _noted(self, points: Points) -> Points:
@@ -140,7 +140,7 @@ class Site:
         extent = np.ptp(points.place, axis=0)
         flat = extent <= SAME * extent.max()
         for a in np.flatnonzero(flat[: self.dim]):
-            if points.box is not None:
+            if openfoam_case.is_time(path):
                 raise WindFileError(_one_layer(path, "xyz"[a], self.dim))
             raise WindFileError(
                 f"{path}: all its points have {'xyz'[a]} = {points.place[0, a]:g} m, too few for a {self.dim}-D run"

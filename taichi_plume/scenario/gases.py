@@ -18,7 +18,7 @@ from taichi_plume.scenario.closed_forms import (
 from taichi_plume.scenario.domain import Context, Domain
 from taichi_plume.scenario.initial_conditions import InitialGas
 from taichi_plume.scenario.own_code import OwnGas
-from taichi_plume.scenario.playback import MovieGas, Playback
+from taichi_plume.scenario.playback import GadenGas, MovieGas, Playback
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
 from taichi_plume.scenario.sources import AnySpecies, OneGas, Source, dishes
 from taichi_plume.scenario.species import Species
@@ -188,6 +188,7 @@ PureGas = (
     | PlumeSimPuff
     | PlumeSimMeander
     | MovieGas
+    | GadenGas
     | OwnGas
 )
 

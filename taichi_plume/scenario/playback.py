@@ -227,3 +227,45 @@ class MovieGas(OneGas, Played):
         yield from super().warnings(where, context)
         if not self.sources and context.scenario.robots:
             yield f"{where}.sources: none, so robots cannot find any; give their positions"
+
+
+class GadenGas(OneGas, Played):
+    """Results of GADEN (iteration_N of all versions), linear in time between files. See files/gaden_film.py.
+
+    A cell takes the mean over its volume; beyond the grid the air is clean. Filaments become sums of Gaussians.
+    """
+
+    key: ClassVar[str] = "files"
+    kind: Literal["gaden"]
+    files: FileName
+    """Path of the results, such as result/iteration_%d, or of their folder, relative to the scenario's folder."""
+    interval: si.Duration | None = None
+    """Time from one file to the next; unless given, saveDeltaTime of the sim.yaml beside or above, else 0.5 s."""
+    origin: si.Point | None = None
+    """Where the domain's lower corner lies in the results; unless given, at the lower corner of their grid."""
+    height: si.Coordinate | None = None
+    """Height z in the results at which a 2-D run cuts them; unless given, the middle."""
+    occupancy: FileName | None = None
+    """Path of GADEN's OccupancyGrid3D.csv, whose walls stop the gas of filaments, as in GADEN."""
+    sources: tuple[Target, ...] = ()
+    """Places that robots search for; unless given, the source of the results. They emit nothing."""
+
+    @property
+    def density_per_unit(self) -> float:
+        """Concentration [kg/m³] of 1 ppm."""
+        return 1.0 / self.vapour.ppm_per_density
+
+    def file_errors(self, where: str, context: Context) -> Iterator[str]:
+        film, extent = context.resources.gaden_films[where], context.domain.extent
+        low, high = film.first.low[: len(extent)] - film.origin, film.high[: len(extent)] - film.origin
+        if not ((low < extent) & (high > 0.0)).all():
+            spans = ", ".join(span(x, a, b) for x, a, b in zip("xyz", low, high, strict=False))
+            yield (
+                f"{where}: no cell of {film.path} is in the domain, {context.domain.box}; they are within {spans}; "
+                "give an origin"
+            )
+        yield from self.too_late(where, context)
+
+    def recorded(self, where: str, context: Context) -> tuple[str | Path, int, float]:
+        film = context.resources.gaden_films[where]
+        return film.path, len(film.times), float(film.times[-1])

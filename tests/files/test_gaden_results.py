@@ -53,6 +53,7 @@ def test_a_result_has_the_concentration_of_every_cell_in_its_place(tmp_path):
     files = written(tmp_path, data)
     assert {str(path.relative_to(tmp_path)) for path in files} == {
         "OccupancyGrid3D.csv", "wind/wind_iteration_0", "wind/wind_iteration_1",
+        *(f"simulations/{gas}/sim.yaml" for gas in ("ethanol", "1-propanol")),
         *(f"simulations/{gas}/result/iteration_{n}" for gas in ("ethanol", "1-propanol") for n in (0, 1)),
     }  # fmt: skip
     for gas, number, place in (("ethanol", 0, (0.3, 0.4, 0.1)), ("1-propanol", 3, (0.6, 0.5, 0.0))):
