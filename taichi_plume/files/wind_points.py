@@ -55,7 +55,8 @@ class Points:
     """Wind at points: place [m] and velocity [m/s], (n, 2 or 3), and eddy viscosity [m²/s], (n,) or None.
 
     box: lower and upper corner [m] of what a mesh fills, if the file has one. remarks: what was assumed.
-    form: text on the points, if they are no table; stand: whether the points are nodes or centres, if the file states it; left_out: number of points without velocity.
+    form: text on the points, if they are no table; stand: whether the points are nodes or centres, if the file states
+    it; left_out: number of points without velocity.
     """
 
     path: Path

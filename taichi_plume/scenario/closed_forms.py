@@ -75,7 +75,7 @@ class Release(Located):
     """A puff, at first a Gaussian of standard deviation `radius`."""
 
     mass: si.Mass
-    """Mass of gas in the puff."""
+    """Mass of gas in the puff; a volume (mL at 25 °C and 1 atm, scc at 0 °C) or moles become kg by the species."""
     time: si.Time = 0.0
     """Time of the release; the robots start at 0."""
     radius: si.Length = 0.05
@@ -118,7 +118,7 @@ class PlumeSource(Located):
     """A steady source: at its position a Gaussian of standard deviation `radius`."""
 
     rate: si.Rate
-    """Mass that it emits per time."""
+    """Mass that it emits per time, also as 500 sccm (0 °C and 1 atm), 2 L/min (25 °C and 1 atm) or 3 mmol/h."""
     radius: si.Length = 0.05
     """Size of the plume at the source, as standard deviation."""
 

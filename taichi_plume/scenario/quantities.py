@@ -1,7 +1,7 @@
 """Physical quantities: numbers in SI units or texts such as ``"20 cm"``; parsing, limits and printing with units."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from math import ceil, floor, log10, sqrt
@@ -83,16 +83,22 @@ def parse(value: object, unit: str) -> float:
         raise no_quantity
     factor = 1.0 if match[2] == unit else USUAL.get((match[2], unit))
     if factor is not None:
-        return _as_written(float(match[1]) * factor)
+        return as_written(float(match[1]) * factor)
     try:
         ureg = _registry()
-        return _as_written(
+        return as_written(
             float(ureg.Quantity(float(match[1]), ureg.parse_units(match[2])).to(unit).magnitude)
         )
     except Exception:  # pint raises a dozen kinds of errors, tokenize others: all mean the same to the user
         raise PydanticCustomError(
             "quantity", "must have a unit that converts to {unit}", {"unit": unit}
         ) from None
+
+
+def split(text: str) -> tuple[float, str] | None:
+    """Return the number and the unit of a text such as "20 cm"; None if the text is no number with a unit."""
+    match = _NUMBER_AND_UNIT.fullmatch(text)
+    return (float(match[1]), match[2].strip()) if match and not _TOWER.search(match[2]) else None
 
 
 def conversion(written: str, unit: str) -> tuple[float, float]:
@@ -111,21 +117,27 @@ def conversion(written: str, unit: str) -> tuple[float, float]:
         first, second = (_registry().Quantity(value, text).to(unit).magnitude for value in (1.0, 2.0))
     except Exception:  # pint raises a dozen kinds of errors
         raise ValueError(f"'{written}' is no unit that converts to {unit}") from None
-    factor = _as_written(float(second) - float(first))
-    return factor, _as_written(float(first) - factor)
+    factor = as_written(float(second) - float(first))
+    return factor, as_written(float(first) - factor)
 
 
-def _as_written(value: float) -> float:
+def as_written(value: float) -> float:
     """Return a converted number without rounding error beyond 15 digits: 20 mg/s becomes exactly 2e-05 kg/s."""
     return float(f"{value:.15g}")
 
 
 def quantity(
-    unit: str, least: float, most: float, likely: str = "", or_zero: bool = False
+    unit: str,
+    least: float,
+    most: float,
+    likely: str = "",
+    or_zero: bool = False,
+    reader: Callable[[object, str], float] = parse,
 ) -> tuple[object, ...]:
     """Return the annotations of a float key that takes a number in `unit` [SI] or a text such as "20 cm".
 
-    Outside of `least` to `most` is an error that asks if the unit `likely` was meant. or_zero: 0 is allowed.
+    Outside of `least` to `most` is an error that asks if the unit `likely` was meant. or_zero: 0 is allowed. reader:
+    function that returns a value in `unit`.
     """
 
     def plausible(value: float) -> float:
@@ -140,7 +152,7 @@ def quantity(
     return (
         Field(allow_inf_nan=False),
         AfterValidator(plausible),
-        BeforeValidator(lambda value: parse(value, unit), json_schema_input_type=plain | str),
+        BeforeValidator(lambda value: reader(value, unit), json_schema_input_type=plain | str),
         Quantity(unit, least, most, or_zero),
     )
 
@@ -222,4 +234,5 @@ def with_unit(value: float, unit: str) -> str:
 
 def units_like(unit: str) -> str:
     """Return the units that a key in `unit` accepts, as a list in words for messages."""
-    return ", ".join(SCALES.get(unit, [unit]))
+    volumes = ["sccm", "L/min", "mol/h"] if unit == "kg/s" else []  # see gas_amounts
+    return ", ".join([*SCALES.get(unit, [unit]), *volumes])

@@ -4,6 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from taichi_plume.scenario.gas_amounts import mass
 from taichi_plume.scenario.quantities import number, quantity
 from taichi_plume.scenario.vocabulary import PER_AXIS, one_or_several
 
@@ -24,8 +25,8 @@ Speed = Annotated[float, *quantity("m/s", least=0, most=100, likely="mm/s")]
 Velocity = Annotated[float, *quantity("m/s", least=-100, most=100, likely="mm/s")]
 Acceleration = Annotated[float, *quantity("m/s^2", least=-1000, most=1000)]
 Thrust = Annotated[float, *quantity("m/s^2", least=1e-6, most=1e4)]
-Rate = Annotated[float, *quantity("kg/s", least=0, most=1, likely="mg/s")]
-Mass = Annotated[float, *quantity("kg", least=0, most=1, likely="mg")]
+Rate = Annotated[float, *quantity("kg/s", least=0, most=1, likely="mg/s", reader=mass)]  # of gases
+Mass = Annotated[float, *quantity("kg", least=0, most=1, likely="mg", reader=mass)]  # likewise
 BodyMass = Annotated[float, *quantity("kg", least=1e-4, most=1000, likely="g")]
 Frequency = Annotated[float, *quantity("1/s", least=1e-9, most=1e6)]
 FrameRate = Annotated[float, *quantity("1/s", least=1e-3, most=1000)]  # of cameras

@@ -4,11 +4,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, ClassVar, Self
 
 from pydantic import BeforeValidator, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.changes import shown
 from taichi_plume.scenario.domain import Context, Domain, Located
-from taichi_plume.scenario.quantities import fault
+from taichi_plume.scenario.gas_amounts import converted
+from taichi_plume.scenario.quantities import fault, parse
 from taichi_plume.scenario.species import PRESSURE, SPECIES, TEMPERATURE, Species, SpeciesName
 from taichi_plume.scenario.suggestions import hint
 from taichi_plume.scenario.vocabulary import Model, exactly_one, stop_after_start
@@ -46,6 +48,17 @@ def _known(value: object) -> object:
     raise fault(f"got {shown(value)}; {meant}allowed: {', '.join(SPECIES)}; {other}")
 
 
+def _molar_mass(species: object) -> float | None:
+    """Return the molar mass [kg/mol] of a species as in YAML or as a section; None if it is not valid."""
+    if isinstance(species, str):
+        return SPECIES[species].molar_mass if species in SPECIES else None
+    given = species.get("molar_mass") if isinstance(species, dict) else getattr(species, "molar_mass", None)
+    try:
+        return parse(given, "kg/mol")
+    except PydanticCustomError:
+        return None
+
+
 AnySpecies = Annotated[SpeciesName | OtherSpecies, BeforeValidator(_known)]
 
 
@@ -81,7 +94,9 @@ class Source(Located):
     """A ball (in 2-D a disc) that emits evenly over its volume, with a given rate or the evaporation of a dish."""
 
     rate: si.Rate | None = None
-    """Mass that it emits per time while it is on. Give either this or a `dish`."""
+    """Mass that it emits per time while it is on, also as 500 sccm, 2 L/min or 3 mmol/h. Give either this or a `dish`.
+    Standard volumes (sccm, slpm, NL/min) are at 0 °C and 1 atm, plain volumes at 25 °C and 1 atm. The molar mass of the
+    gas's species makes them kg/s."""
     dish: Dish | None = None
     """An open dish of liquid instead of a rate, whose evaporation depends on the wind."""
     radius: si.Length = 0.05
@@ -175,6 +190,17 @@ class OneGas(Model):
     species: AnySpecies = "ethanol"
     """Species of the gas, by name or by the data of another one. It decides the ppm of a kg, the diffusion, and whether
     the gas sinks or rises."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _amounts(cls, data: object) -> object:
+        """Return the gas's keys with volumes and moles of its sources, such as "500 sccm", as kg/s and kg."""
+        if not isinstance(data, dict) or cls.sources_key not in data:
+            return data
+        molar_mass = _molar_mass(data.get("species", cls.model_fields["species"].default))
+        if molar_mass is None:
+            return data
+        return data | {cls.sources_key: converted(data[cls.sources_key], molar_mass)}
 
     @property
     def vapour(self) -> Species:
