@@ -50,8 +50,8 @@ FILES = "iteration_%d"
 class Result:
     """Iteration of GADEN's results. low: lower corner [m]; edge of a cell [m]; shape: cells; source [m].
 
-    gas: GADEN's number; ppm: (x, y, z) or None; filaments: (n, 4), x, y, z [m] and sigma [cm]; strength: ppm at the centre of a filament
-    times sigma³ [cm³].
+    gas: GADEN's number; ppm: (x, y, z) or None; filaments: (n, 4), x, y, z [m] and sigma [cm]; strength: ppm at the
+    centre of a filament times sigma³ [cm³].
     """
 
     path: Path

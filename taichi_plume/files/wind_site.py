@@ -99,7 +99,10 @@ class Site:
                 raise WindFileError(f"{path}: has no positions; give the grid as wind.occupancy")
             points = gaden_winds.read(path, self.grid)
         else:
-            is_table, points = True, wind_files.read(path, wind.columns, wind.missing)
+            is_table, points = (
+                True,
+                wind_files.read(path, {str(key): name for key, name in wind.columns.items()}, wind.missing),
+            )
         if not is_table and (wind.columns or wind.points or wind.missing):
             raise WindFileError(f"{path}: is no table, for which columns, points and missing are")
         return self._noted(points)
