@@ -166,7 +166,7 @@ def _with_parameters(file: Path, sim: dict[str, Any], home: Path) -> dict[str, A
     """
     found = next((home / name for name in PARAMETERS if (home / name).is_file()), None)
     if found is None:
-        return sim
+        return sim  # `_loop` says so
     data = read_mapping(found, "it has the simulator's parameters")
     values = {
         key: substituted(value, sim)
@@ -248,6 +248,8 @@ def _loop(project: _Project, count: int, interval: float) -> dict[str, Any]:
     if isinstance(loop, dict):
         given = bool(loop.get("loop")), loop.get("from", 0), loop.get("to", count - 1)
     elif loop is None and not project.new:
+        if "allow_looping" not in project.sim:
+            project.note(f"states no loop of its wind ({PARAMETERS[0]}: allow_looping); none is assumed")
         given = (
             project.flag("allow_looping"),
             project.sim.get("loop_from_step", 1),

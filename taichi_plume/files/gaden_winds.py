@@ -8,7 +8,6 @@
 All are in m/s and little-endian. Cells count x first, then y, then z; the occupancy grid has their positions.
 """
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +15,11 @@ import numpy as np
 from taichi_plume.files.gaden import Occupancy
 from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, is_number
 from taichi_plume.files.wind_points import FASTEST, Points, WindFileError
-from taichi_plume.guard.safe_open import content_of
+from taichi_plume.guard.safe_open import content_of, open_regular
 
 LARGEST_FILE = 1 << 30  # bytes
 PARTS = (".csv_U", ".csv_V", ".csv_W")
+START = 1 << 12  # bytes, in which the first line ends
 OLD_MARK = 999  # at the start of files of a component
 VERSIONS = (2, 3)  # major versions that a header names
 
@@ -85,11 +85,11 @@ def uniform(path: Path) -> np.ndarray:
 
 def is_uniform(path: Path) -> bool:
     """Return whether a path names a file whose first line has three numbers and no name, as GADEN's uniform wind."""
-    if not os.path.isfile(path):
-        return False
     try:
-        lines = [line for line in TextFile(path, WindFileError).lines if line.strip()[:1] not in ("", "#")]
-    except WindFileError:
+        with open_regular(path) as file:
+            start = file.read(START).decode("utf-8-sig", "replace").splitlines()
+    except OSError:
         return False
-    cells = cells_of(lines[0], delimiter_of(lines[0])) if lines else []
+    line = next((line for line in start if line.strip()[:1] not in ("", "#")), "")
+    cells = cells_of(line, delimiter_of(line))
     return len(cells) == 3 and all(map(is_number, cells))

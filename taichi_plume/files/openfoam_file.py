@@ -272,18 +272,7 @@ def real_path(path: Path) -> Path:
 
 def open_foam(path: Path) -> FoamFile:
     """Read and parse an OpenFOAM file, or its gzipped form if only that exists. Raises WindFileError."""
-    path = real_path(path) if exists(path) else path
-    content = content_of(path, LARGEST_FILE, WindFileError)
-    if content[:2] == b"\x1f\x8b":
-        unpacked = zlib.decompressobj(31)
-        most = min(LARGEST_FILE, max(UNPACKED, TIGHTEST * len(content)))
-        try:
-            content = unpacked.decompress(content, most)
-        except zlib.error:
-            raise WindFileError(f"{path}: is damaged: it cannot be unpacked") from None
-        if not unpacked.eof:
-            raise WindFileError(f"{path}: is cut, or has more than {most >> 20} MiB once unpacked")
-    content = without_mark(content)
+    path, content = _content(path, LARGEST_FILE)
     header = HEADER.match(content, _after_comments(content, 0))
     if header is None:
         raise WindFileError(f"{path}: is no file of OpenFOAM: it does not begin with FoamFile")
@@ -315,7 +304,7 @@ def dictionary(path: Path) -> dict[str, Any]:
 
     Directives are left out; macros such as $name take the value of an entry of the same file, or stay as text.
     """
-    content = without_mark(content_of(path, LARGEST_DICTIONARY, WindFileError))
+    _, content = _content(path, LARGEST_DICTIONARY)
     text = DIRECTIVE.sub("", COMMENT.sub(b"", content).decode("utf-8", "replace"))
     top: dict[str, Any] = {}
     stack, words = [top], []
@@ -342,6 +331,22 @@ def _resolved(word: str, scopes: list[dict[str, Any]]) -> str:
     name = word.lstrip("$:.").strip("{}") if word.startswith("$") else ""
     value = next((scope[name] for scope in reversed(scopes) if name in scope), word) if name else word
     return value if isinstance(value, str) else word
+
+
+def _content(path: Path, most: int) -> tuple[Path, bytes]:
+    """Return the real path and the unpacked content of a file, without a byte order mark. Raises WindFileError."""
+    path = real_path(path) if exists(path) else path
+    content = content_of(path, most, WindFileError)
+    if content[:2] == b"\x1f\x8b":
+        unpacked = zlib.decompressobj(31)
+        most = min(most, max(UNPACKED, TIGHTEST * len(content)))
+        try:
+            content = unpacked.decompress(content, most)
+        except zlib.error:
+            raise WindFileError(f"{path}: is damaged: it cannot be unpacked") from None
+        if not unpacked.eof:
+            raise WindFileError(f"{path}: is cut, or has more than {most >> 20} MiB once unpacked")
+    return path, without_mark(content)
 
 
 def _after_comments(content: bytes, at: int) -> int:

@@ -34,7 +34,9 @@ class ImportedWind(AnyWind, Played):
     files: FileName
     """Path of a file, or of several, relative to the scenario's folder. %d stands for numbers that count up by one,
     such as in wind_at_cell_centers_%d.csv, %g for times in s, such as in postProcessing/cloud/%g/points_U.xy. A case
-    folder of OpenFOAM stands for all of its times, whole or decomposed, CASE/TIME for one of them."""
+    folder of OpenFOAM stands for all of its times, whole or decomposed, or for the last if the case is steady,
+    CASE/TIME for one of them, CASE/REGION for a region. wind_iteration_%d and NAME_%d.csv_U are binary winds of
+    GADEN."""
     interval: si.Duration = 1.0
     """Time from one numbered file to the next; the first is of time 0."""
     loop_from: si.Time | None = None
@@ -43,7 +45,7 @@ class ImportedWind(AnyWind, Played):
     """Time of the last file that `loop` repeats; later files are not played. Unless given, the last of all."""
     origin: si.Point | None = None
     """Where the domain's lower corner lies in the files. Unless given, the lower corner of the occupancy grid, or
-    without one that of the mesh or points."""
+    without one that of the mesh or the points."""
     height: si.Coordinate | None = None
     """Height z in the files at which a 2-D run cuts them; unless given, the middle of the points."""
     columns: dict[Literal["x", "y", "z", "u", "v", "w", "nut"], str] = Field(default_factory=dict)
@@ -56,7 +58,7 @@ class ImportedWind(AnyWind, Played):
     """Numbers in a table that mean no velocity, besides -999 and -9999. Such points are left out."""
     occupancy: FileName | None = None
     """Path of an OccupancyGrid3D.csv of GADEN's: obstacles besides the scenario's own. A config.yaml or
-    preproc_params.yaml of GADEN's stands for the grid of the STL models that it lists."""
+    preproc_params.yaml of GADEN's, or its simulations/SIM.yaml, stands for the grid of the STL models that it lists."""
     walls: tuple[Face, ...] = ()
     """Faces of the domain that let no air through; through the others air goes as in the files."""
     viscosity: si.Viscosity = 1.56e-5
