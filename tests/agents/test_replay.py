@@ -11,6 +11,7 @@ from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.preparation import checked
 from taichi_plume.execution.result import _beside_recorded
 from taichi_plume.execution.summary import _recorded_line
+from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.bag_readings import BagOptions
 from taichi_plume.files.trajectories import WayError, read
 from taichi_plume.grid.state import State
@@ -184,6 +185,55 @@ def test_gas_that_cannot_be_read_does_not_stop_a_replay(tmp_path):
     (one,) = read(tmp_path / "bag", BagOptions(pose=("/b/pose",)))
     assert len(one.ppm) == 0
     np.testing.assert_allclose(one.place, [(*way("b", t)[:2], 0.0) for t in TIMES])
+
+
+def test_a_check_reports_what_was_read(folder):
+    """Of the bag, in the frame that there is, with a note; of a table, in the domain."""
+    resources = checked(scenario(TABLE), folder).resources
+    facts = resources.facts["robots[0].algorithm"]
+    for part in (
+        "2 robots",
+        "4 s from 100 s",
+        "positions in frame odom",
+        "x 0.5 to 2.6 m, y 0 to 1 m",
+        "32 readings",
+    ):
+        assert part in facts.text
+    assert {line.split(": ")[0] for line in facts.remarks} == {"a", "b"}
+    assert any("robots[0].algorithm: a: positions are in frame odom" in line for line in resources.warnings)
+    table = resources.facts["robots[1].algorithm"]
+    for part in ("1 robot,", "positions in the domain", "x 1 to 2.5 m, y 1.5 to 1.5 m", "at most 3 ppm"):
+        assert part in table.text
+    assert not table.remarks
+
+
+def test_an_origin_that_is_assumed_is_reported(folder):
+    """Of a frame that is not the map's, if it is not given."""
+    warnings = checked(scenario(robots=["a", "b"], origin=None), folder).resources.warnings
+    assert any("robots[0].algorithm.origin: the positions are in frame odom" in line for line in warnings)
+    warnings = checked(scenario(), folder).resources.warnings
+    assert not any("algorithm.origin" in line for line in warnings)
+    with pytest.raises(ScenarioError, match="has no frame 'map'; it has odom"):
+        checked(scenario(frame="map"), folder)
+
+
+def test_readings_and_their_unit_are_chosen_by_keys(tmp_path):
+    """Two numbers of each message of an array, in ppb."""
+    messages = [(t, "/r/pose", pose(t, *way("a", t), POSE, "map")) for t in TIMES]
+    for t in TIMES + 0.1:
+        data = np.array([1000.0, 100.0 * t])
+        messages.append((t, "/r/enose", ros.message("std_msgs/msg/Float32MultiArray", data=data)))
+    write(tmp_path / "bag", messages)
+    keys = {"readings": ["/r/enose.data[1]"], "units": "ppb", "robots": ["r"], "origin": None}
+    real = team([3, 1], name="real", reach=0, algorithm=BAG | keys, sensors=SENSORS)
+    resources = checked(scenario_from(room(real, gas=PLUME, duration=2.0)), tmp_path).resources
+    (one,) = resources.recorded_paths("robots[0].algorithm")
+    np.testing.assert_allclose(one.ppm, 0.1 * one.read_at, rtol=1e-6)
+    np.testing.assert_allclose(one.place[:, 0], 1.0 + 0.4 * (one.t - 100.0))
+    assert not any("ppm" in remark for remark in resources.facts["robots[0].algorithm"].remarks)
+    real["algorithm"]["readings"] = ["/r/enose.data[2]"]
+    with pytest.raises(ScenarioError, match=r"readings /r/enose.data\[2\]: the list has at most 2 entries"):
+        checked(scenario_from(room(real, gas=PLUME)), tmp_path)
 
 
 def test_its_robots_do_not_err(folder):
