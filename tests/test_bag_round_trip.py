@@ -175,8 +175,12 @@ def test_a_replay_in_a_map_goes_where_the_robot_went(made, moved):
     scenario, resources = load(source, folder=made.folder)
     facts = resources.facts["robots[0].algorithm"]
     assert facts.remarks == ()
-    for part in ("2 robots", "4 s from 2023-11-14 22:13:20 UTC", "positions in frame map", "80 readings"):
+    for part in ("2 robots", "4 s from 2023-11-14 22:13:20 UTC", "80 readings"):
         assert part in facts.text
+    assert (
+        "positions in frame map (origin at ({:.4g}, {:.4g}) m of the domain), x".format(*-corner)
+        in facts.text
+    )
     for k, way in enumerate(resources.recorded_paths("robots[0].algorithm")):
         rows = table[table.robot == k]
         np.testing.assert_allclose(way.place[:, :2] + moved, rows[["x", "y"]], atol=1e-6)

@@ -128,9 +128,14 @@ class Resources:
 
     def recorded_paths(self, path: str) -> "list[Way]":
         """Recorded paths of the replay section at `path`, in the coordinates of the domain."""
+        ways = self.ways[path]
+        return [way.moved(origin) for way, origin in zip(ways, self.origins(path), strict=True)]
+
+    def origins(self, path: str) -> list[tuple[float, float]]:
+        """Position [m] in the domain of the origin of the frame of each recorded path, see `recorded_paths`."""
         model, frame = self.sections[path], MapFrame.of(self.scenario, self.obstacles)
         assert isinstance(model, Replay)
-        return [way.moved(model.origin or frame.origin_of(way.frame)) for way in self.ways[path]]
+        return [model.origin or frame.origin_of(way.frame) for way in self.ways[path]]
 
     def unlike(self, path: str) -> int:
         film = self.films[path]
@@ -313,7 +318,7 @@ def _ways(resources: Resources, path: str, model: Replay, folder: Path) -> None:
             model.topics, model.poses, frame=model.frame, units=model.units, reading=model.readings
         )
         resources.ways[path] = read(folder / model.file, options)
-        resources.facts[path] = facts(resources.ways[path])
+        resources.facts[path] = facts(resources.ways[path], resources.origins(path))
 
 
 OPENERS: dict[type[Model], Callable[[Resources, str, Any, Path], PureGas | None]] = {

@@ -83,8 +83,11 @@ def read(path: Path, options: BagOptions | None = None) -> list[Way]:
     return ways
 
 
-def facts(ways: Sequence[Way]) -> FileFacts:
-    """Return what was read of recorded robots: times, frame, range of positions, readings."""
+def facts(ways: Sequence[Way], origins: Sequence[Sequence[float]]) -> FileFacts:
+    """Return what was read of recorded robots: times, frame, range of positions, readings.
+
+    origins: position [m] in the domain of the origin of the frame of each path.
+    """
     first, last = min(way.t[0] for way in ways), max(way.t[-1] for way in ways)
     start = f"{first:.6g} s"
     if first > UNIX:
@@ -92,7 +95,11 @@ def facts(ways: Sequence[Way]) -> FileFacts:
     low, high = (
         function([function(way.place, axis=0) for way in ways], axis=0) for function in (np.min, np.max)
     )
-    frames = sorted({"the domain" if way.frame is None else f"frame {way.frame}" for way in ways})
+    frames = {
+        ("the domain" if way.frame is None else f"frame {way.frame}")
+        + (f" (origin at ({x:.4g}, {y:.4g}) m of the domain)" if x or y else "")
+        for way, (x, y) in zip(ways, origins, strict=True)
+    }
     readings = sum(len(way.ppm) for way in ways)
     gas = (
         f"{readings:,} readings of at most {max(way.ppm.max(initial=0.0) for way in ways):.4g} ppm"
@@ -103,7 +110,7 @@ def facts(ways: Sequence[Way]) -> FileFacts:
         [
             f"{len(ways)} robot{'s' if len(ways) > 1 else ''}",
             f"{last - first:.6g} s from {start}",
-            f"positions in {' and '.join(frames)}",
+            f"positions in {' and '.join(sorted(frames))}",
             *(span(axis, a, b) for axis, a, b in zip("xyz", low, high, strict=True) if axis != "z" or a or b),
             gas or "no readings",
         ]
