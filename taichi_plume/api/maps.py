@@ -46,30 +46,30 @@ def maps(
 ) -> GasMap:
     """Make a gas map of recorded readings and return the map, as by ``python -m taichi_plume.maps``.
 
-        readings: a run or its folder, robots.parquet of a run, a ROS bag, or a CSV file or DataFrame with the columns
-        t [s], x, y [m] and reading [ppm]. map: kind, or section as in a scenario: ``{"kind": "gmrf", "cell": "10 cm"}``.
-        size: edges of the floor along x and y [m]; origin: its lower corner, from which positions in the map count. trial,
-        group: number and name, by default the first trial and all robots. sources: true positions [m], to score the peak.
-        Of a run, size and sources are by default those of its scenario.
+    readings: a run or its folder, robots.parquet of a run, a ROS bag, or a CSV file or DataFrame with the columns
+    t [s], x, y [m] and reading [ppm]. map: kind, or section as in a scenario: ``{"kind": "gmrf", "cell": "10 cm"}``.
+    size: edges of the floor along x and y [m]; origin: its lower corner, from which positions in the map count. trial,
+    group: number and name, by default the first trial and all robots. sources: true positions [m], to score the peak.
+    Of a run, size and sources are by default those of its scenario.
 
-            columns: names of a table's columns for t, x, y, reading and so on, with or without a unit: ``{"t": "stamp [ms]"}``;
-        missing: numbers that mean no reading, besides NaN, -999 and -9999.
+    columns: names of a table's columns for t, x, y, reading and so on, with or without a unit: ``{"t": "stamp [ms]"}``;
+    missing: numbers that mean no reading, besides NaN, -999 and -9999.
 
-            bag: how a ROS bag is read, by the keys gas, pose and wind (lists of topics), reading (numbers in messages of any
-        type, such as ``["/enose.data[0]"]``), frame, sensor, units, model, air and upwind; `origin` is a position in that
-        frame. out: folder for map.csv, map.png and scores.json; by default nothing is written. force: replace an earlier
-            map there.
+    bag: how a ROS bag is read, by the keys gas, pose and wind (lists of topics), reading (numbers in messages of any
+    type, such as ``["/enose.data[0]"]``), frame, sensor, units, model, air and upwind; `origin` is a position in that
+    frame. out: folder for map.csv, map.png and scores.json; by default nothing is written. force: replace an earlier
+    map there.
 
-        All readings count unless the map's parameters limit their age. Raises InputError (ReadingsError, ScenarioError,
-        RunFolderError), whose lines name the options of the command, and OSError.
+    All readings count unless the map's parameters limit their age. Raises InputError (ReadingsError, ScenarioError,
+    RunFolderError), whose lines name the options of the command, and OSError.
 
-        >>> import taichi_plume as tp
-        >>> run = tp.simulate("plumesim_casting", duration=2, out=folder)
-        >>> gas_map = tp.maps(run, {"kind": "inverse_distance", "cell": "50 cm"})
-        >>> dict(gas_map.data.estimate.sizes), gas_map.data.estimate.attrs["units"]
-        ({'y': 6, 'x': 8}, 'ppm')
-        >>> gas_map.scores["readings"]
-        20
+    >>> import taichi_plume as tp
+    >>> run = tp.simulate("plumesim_casting", duration=2, out=folder)
+    >>> gas_map = tp.maps(run, {"kind": "inverse_distance", "cell": "50 cm"})
+    >>> dict(gas_map.data.estimate.sizes), gas_map.data.estimate.attrs["units"]
+    ({'y': 6, 'x': 8}, 'ppm')
+    >>> gas_map.scores["readings"]
+    20
     """
     model = _model(map)
     floor = None if size is None else load_part(size, "--size", SIZE)
