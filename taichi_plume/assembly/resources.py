@@ -194,7 +194,7 @@ def _film(resources: Resources, path: str, model: Playback, folder: Path) -> Pur
         gas = completed(model, film) if isinstance(model, PlaybackGas) else None
         for n in {0, len(film.times) - 1}:
             film.frame(n, film.wind if model.part == "wind" else film.gas)
-        resources.films[path] = film
+        resources.films[path], resources.facts[path] = film, film.facts()
         return gas
     return None
 
@@ -212,7 +212,7 @@ def _moment(resources: Resources, path: str, model: InitialWind | InitialGas, fo
             gas = dict(resources.scenario.gases)[path.removesuffix(".initial")]
             names = [film.gas_of(gas.species)] if film.gas else []
         film.moment(names, model.at)
-        resources.films[path] = film
+        resources.films[path], resources.facts[path] = film, film.facts()
 
 
 def completed(gas: PlaybackGas, film: "Film") -> PlaybackGas:

@@ -34,6 +34,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichi_plume.files import manifest
+from taichi_plume.files.conventions import FileFacts, when
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.zarr_groups import (
     FAULTS,
@@ -178,6 +179,14 @@ class Film:
     def gas(self) -> list[str]:
         """Names of the film's gas variables, one per species; empty if no gas was recorded."""
         return sorted(name for name in self.arrays if name.startswith(GAS))
+
+    def facts(self) -> FileFacts:
+        """Return what the film holds: quantities, times, and cells."""
+        cells = " x ".join(map(str, self.shape))
+        names = ", ".join([*self.wind, *self.gas])
+        return FileFacts(
+            f"film of {names}; {len(self.times)} frames, {when(self.times)}; {cells} cells of {self.dx:g} m"
+        )
 
     def gas_of(self, species: str | OtherSpecies | None) -> str:
         """Return the variable name of a species. A film with one gas returns that gas, whatever the species.

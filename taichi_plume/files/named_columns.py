@@ -7,7 +7,7 @@ COMSOL's "Length unit: mm". Numbers may have decimal commas where another mark s
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -52,7 +52,8 @@ class Picked(NamedTuple):
 class NamedTable:
     """Columns of a table by the reader's keys, in the reader's units; missing numbers are NaN.
 
-    picked: where each column stands; remarks: what was assumed; names: of all columns.
+    picked: where each column stands; remarks: what was assumed; names: of all columns; length_unit: of lengths without
+    a unit behind their name.
     """
 
     values: dict[str, np.ndarray]
@@ -60,6 +61,12 @@ class NamedTable:
     remarks: tuple[str, ...]
     table: Table
     names: list[str]
+    length_unit: str = ""
+    accepted: Mapping[str, Column] = field(default_factory=dict)
+
+    def unit_of(self, key: str) -> str:
+        """Return the unit that the file states for a column, "" if none."""
+        return self.picked[key].unit or (self.length_unit if self.accepted[key].unit == "m" else "")
 
 
 def pick(
@@ -164,8 +171,9 @@ def read_columns(
     table = Table(file, rows, width, mark, gaps=gaps, decimal=_decimal(lines, rows, mark))
     preamble = "\n".join(lines[:first])
     length = LENGTH_UNIT.search(preamble)
-    values, remarks = _values(table, accepted, picked, length[1] if length else "", missing)
-    return NamedTable(values, picked, (*file.remarks, *remarks), table, all_names)
+    unit = length[1] if length else ""
+    values, remarks = _values(table, accepted, picked, unit, missing)
+    return NamedTable(values, picked, (*file.remarks, *remarks), table, all_names, unit, accepted)
 
 
 def _values(

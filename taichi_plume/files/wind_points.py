@@ -56,7 +56,7 @@ class Points:
 
     box: lower and upper corner [m] of what a mesh fills, if the file has one. remarks: what was assumed.
     form: text on the points, if they are no table; stand: whether the points are nodes or centres, if the file states
-    it; left_out: number of points without velocity.
+    it; left_out: number of points without velocity; assumed: units that the header does not state.
     """
 
     path: Path
@@ -68,6 +68,7 @@ class Points:
     form: str = ""
     stand: "Stand | None" = None
     left_out: int = 0
+    assumed: str = ""
 
     @property
     def kind(self) -> tuple[int, bool]:
@@ -145,9 +146,17 @@ def read(path: Path, given: Mapping[str, str] | None = None, missing: Sequence[f
         remarks += (f"{len(known) - known.sum()} of {len(known)} points have no velocity, and are left out",)
     eddies = np.maximum(np.nan_to_num(values["nut"][known]), 0.0) if "nut" in values else None
     left_out = int(len(known) - known.sum())
+    silent = sorted({COLUMNS[key].unit for key, column in named.picked.items() if not named.unit_of(key)})
     stand = _stand(path, named.names)
     return Points(
-        path, place[known], velocity[known], eddies, remarks=remarks, stand=stand, left_out=left_out
+        path,
+        place[known],
+        velocity[known],
+        eddies,
+        remarks=remarks,
+        stand=stand,
+        left_out=left_out,
+        assumed=", ".join(silent),
     )
 
 

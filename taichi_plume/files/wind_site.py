@@ -130,10 +130,9 @@ class Site:
             f"{x} {_rounded(a)} to {_rounded(b)} m" for x, (a, b) in zip("xyz", ends, strict=False)
         )
         corner = ", ".join(_rounded(x) for x in self.origin)
-        eddies = "; eddy viscosity nut" if first.eddy_viscosity is not None else ""
-        text = (
-            f"{when}; {len(first.place):,} {self.form}, {self.fastest:.3g} m/s at most{which}, {box}{eddies}"
-        )
+        more = f"; assumed: {first.assumed}" if first.assumed else ""
+        more += "; eddy viscosity nut" if first.eddy_viscosity is not None else ""
+        text = f"{when}; {len(first.place):,} {self.form}, {self.fastest:.3g} m/s at most{which}, {box}{more}"
         return FileFacts(f"{text}; the domain begins at ({corner})", tuple(self.remarks))
 
     def _check(self, points: Points) -> None:
