@@ -260,9 +260,12 @@ def _parts_of(path: Path, data: MeshData) -> _Parts:
             raise MeshError(f"{path.name}: body {n} is flat: it encloses nothing")
     if not len(holed):
         return _Parts(vertices, triangles, bodies, None, "", remarks)
-    loose, turned = oriented(
-        triangles[np.isin(body, holed)], _areas(vertices, triangles[np.isin(body, holed)])
-    )
+    loose = triangles[np.isin(body, holed)]
+    _, first, copies = np.unique(np.sort(loose, axis=1), axis=0, return_index=True, return_counts=True)
+    if (copies == 2).all():  # as of programs that draw both sides of a face
+        loose = loose[np.sort(first)]
+        remarks.append("each triangle of bodies with open or non-manifold edges is there twice; one is taken")
+    loose, turned = oriented(loose, _areas(vertices, loose))
     if turned:
         remarks.append(f"{turned:,} triangles are turned, as their neighbours face the other way")
     if (rim := len(rim_edges(loose))) > MOST_RIM:

@@ -285,6 +285,16 @@ def test_bodies_that_share_an_edge_are_their_union(tmp_path):
         assert "non-manifold" in " ".join(one.remarks)
 
 
+@pytest.mark.parametrize("holes", [False, True])
+def test_faces_that_are_drawn_from_both_sides_count_once(tmp_path, holes):
+    box = fine((1, 1, 0.1), (2, 2, 0.7))
+    box = without(box, (0.9, 1.4, 0.3), (1.1, 1.6, 0.5)) if holes else box
+    one = placed(tmp_path, np.concatenate([box, box[:, ::-1]]))
+    p = random_points()
+    np.testing.assert_array_equal(one.inside(p), ((p > (1, 1, 0.1)) & (p < (2, 2, 0.7))).all(axis=1))
+    assert "twice" in " ".join(one.remarks)
+
+
 def test_corners_that_differ_by_rounding_are_joined(tmp_path):
     """As in text files of six digits."""
     box = fine((1, 1, 0), (2, 2, 0.5))
