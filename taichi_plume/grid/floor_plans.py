@@ -34,7 +34,7 @@ class FloorPlan(Upright):
     """
 
     def __init__(self, model: Any, extent: tuple[float, ...], folder: Path):
-        plan = read_map(folder / model.file)
+        plan = read_map(folder / model.file, model.resolution)
         solid = plan.walls(model.unknown)
         low, high = _reach(plan)
         self.text = _described(plan, solid, low, high)

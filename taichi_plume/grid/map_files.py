@@ -39,11 +39,13 @@ STRIP = 256  # rows
 FORMATS = ("PPM", "PNG", "BMP")  # of pictures; PPM includes PGM
 FREE, OCCUPIED, UNKNOWN = 0, 1, 2
 SUFFIXES = (".yaml", ".yml")
+PICTURES = (".pgm", ".png", ".bmp", ".ppm", ".pbm", ".pnm")  # of maps without a YAML file
 DEFAULTS = {"negate": 0, "occupied_thresh": 0.65, "free_thresh": 0.25}  # map_saver's
 MODES = ("trinary", "scale", "raw")
 FARTHEST = 1e8  # m: room for coordinates of the Earth
 RESOLUTIONS = (1e-4, 1e3)  # m
 HALF = 50  # percent: from here on a pixel counts as occupied
+LONGEST_TEXT = 200  # characters that describe a map
 MARK = 205  # grey of unknown pixels, as map_saver writes it
 KEYS = (*DEFAULTS, "image", "resolution", "origin", "mode")
 
@@ -57,8 +59,8 @@ class RosMap:
     """Occupancy map. pixels: FREE, OCCUPIED or UNKNOWN, axes (x, y); resolution: edge of a pixel [m]; origin: lower
     left corner of the picture [m]; yaw: angle by which the picture is turned left about the origin [rad].
 
-    marked: mask of pixels in map_saver's grey for unknown that the thresholds call free or occupied. text: file, mode
-    and thresholds in words; remarks: assumptions.
+    marked: mask of pixels in map_saver's grey for unknown that the thresholds, free_thresh and occupied_thresh, make
+    free or occupied. text: file, mode and thresholds in words; remarks: assumptions.
     """
 
     pixels: np.ndarray
@@ -66,6 +68,7 @@ class RosMap:
     origin: tuple[float, float]
     yaw: float
     marked: np.ndarray
+    thresholds: tuple[float, float]
     text: str
     remarks: tuple[str, ...]
 
@@ -76,29 +79,29 @@ class RosMap:
 
     def doubts(self, unknown: str | None) -> tuple[str, ...]:
         """Return a remark if the thresholds contradict map_saver's grey for unknown, or the user's `unknown`."""
-        level = MARK / 255
         if not self.marked.any():
             return ()
-        meant = "free" if (self.pixels[self.marked] == FREE).all() else "walls"
-        by = "free_thresh" if meant == "free" else "occupied_thresh"
-        other = {"free": "wall", "walls": "free"}[meant]
+        is_free = (self.pixels[self.marked] == FREE).all()
+        meant, other, by = ("free", "wall", "free_thresh") if is_free else ("wall", "free", "occupied_thresh")
         start = f"{self.marked.sum():,} pixels of grey {MARK}, map_saver's mark for unknown, "
+        rule = f"{by} {self.thresholds[not is_free]:g}"
         if unknown is None:
-            bound = f"with a {by} of at {'most' if meant == 'free' else 'least'} {1 - level:.3f}"
-            return (f"{start}count as {meant} by {by}; {bound}, or with unknown: {other}, they do not",)
-        if unknown == other:
-            return (f"{start}are {unknown} by unknown: {unknown}, though {by} makes them {meant}",)
-        return ()
+            cure = (
+                "unknown: wall, or free_thresh 0.196, makes them walls"
+                if is_free
+                else "unknown: free frees them"
+            )
+            return (f"{start}count as {meant} by {rule}; {cure}",)
+        return (f"{start}are {other} by unknown: {other}, not {meant} by {rule}",) if unknown == other else ()
 
 
-def read_map(path: Path) -> RosMap:
-    """Read a map from a YAML file, whose picture lies in its folder or below. Raises MapError."""
-    data = _yaml(path)
-    image, remarks = _image(path, data)
+def read_map(path: Path, resolution: float | None = None) -> RosMap:
+    """Read a map from a YAML file, whose picture lies in its folder or below, or a picture alone. Raises MapError.
+
+    resolution: edge of a pixel [m] of a picture alone, whose lower left corner is the origin of the frame.
+    """
+    data, image, remarks = _described(path, resolution)
     levels, most, opaque = _picture(path, image)
-    remarks += [
-        f"{key} is missing, {value:g} is assumed" for key, value in DEFAULTS.items() if key not in data
-    ]
     if unread := [visible(key, LONGEST_VALUE) for key in data if key not in KEYS]:
         remarks.append(f"not read: {', '.join(unread)}")
     known = {key: _number(path, data, key, 0.0, 1.0) for key in DEFAULTS}
@@ -119,15 +122,36 @@ def read_map(path: Path) -> RosMap:
         raise _wrong(path, f"origin: must be [x, y, yaw], got {_shown(origin)}")
     place = {f"origin[{n}]": value for n, value in enumerate([*origin, 0.0][:3])}
     x, y, yaw = (_number(path, place, key, -FARTHEST, FARTHEST) for key in place)
-    resolution = _number(path, data, "resolution", *RESOLUTIONS)
+    size = _number(path, data, "resolution", *RESOLUTIONS)
     rows, columns = pixels.shape
     rule = "mode raw" if mode == "raw" else f"mode {mode}, thresholds {known['free_thresh']:g} and "
     rule += "" if mode == "raw" else f"{known['occupied_thresh']:g}"
-    text = f"map {image.name}, {columns} x {rows} pixels of {resolution:g} m, {rule}"
+    text = f"map {image.name}, {columns} x {rows} pixels of {size:g} m, {rule}"
     text += ", negated" if known["negate"] else ""
-    return RosMap(
-        pixels[::-1].T, resolution, (x, y), yaw, grey[levels][::-1].T, visible(text, 200), tuple(remarks)
+    marked, thresholds = grey[levels][::-1].T, (known["free_thresh"], known["occupied_thresh"])
+    text = visible(text, LONGEST_TEXT)
+    return RosMap(pixels[::-1].T, size, (x, y), yaw, marked, thresholds, text, tuple(remarks))
+
+
+def _described(path: Path, resolution: float | None) -> tuple[dict[str, object], Path, list[str]]:
+    """Return the keys of a map's YAML file, the path of its picture, and remarks. Raises MapError."""
+    if path.suffix.lower() not in PICTURES:
+        data = _yaml(path)
+        if resolution is not None:
+            raise _wrong(path, "is a YAML file, which has its own resolution; remove the key resolution")
+        image, remarks = _image(path, data)
+        lacking = [
+            f"{key} is missing, {value:g} is assumed" for key, value in DEFAULTS.items() if key not in data
+        ]
+        return data, image, [*remarks, *lacking]
+    if resolution is None:
+        raise _wrong(path, "is a picture; give resolution, the edge of a pixel, or the YAML file of a map")
+    low, high = DEFAULTS["free_thresh"], DEFAULTS["occupied_thresh"]
+    rule = (
+        f"is a picture alone: its lower left corner is (0, 0) of the frame map, pixels darker than {100 * high:g} % "
+        f"are walls, and those from {100 * low:g} % on unknown"
     )
+    return {"image": path.name, "resolution": resolution, "origin": [0.0, 0.0, 0.0]}, path, [rule]
 
 
 def image_of(path: Path) -> Path | None:

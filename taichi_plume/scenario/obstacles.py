@@ -283,7 +283,10 @@ class WallMap(Standing):
 
     kind: Literal["map"]
     file: FileName
-    """Path of the map's YAML file, relative to the scenario's folder; its picture (PGM, PNG or BMP) lies beside it."""
+    """Path of the map's YAML file, relative to the scenario's folder, with a picture (PGM, PNG or BMP) beside it. Or of
+    the picture alone, with a `resolution`."""
+    resolution: Annotated[si.Length, SHAPE] | None = None
+    """Edge of a pixel of a picture without a YAML file, whose lower left corner is the origin of the map's frame."""
     unknown: Literal["wall", "free"] | None = None
     """Meaning of unknown pixels, and of pixels of grey 205, which map_saver writes for unknown. Unless given, pixels
     between the thresholds are walls, as most lie behind the walls, and the thresholds decide on grey 205."""

@@ -34,7 +34,14 @@ def write(folder: Path, walls: np.ndarray, size: float = 0.05, origin=(0.0, 0.0,
 def plan(folder: Path, walls: np.ndarray, extent, size=0.05, at=(0.0, 0.0, 0.0), **keys: Any) -> FloorPlan:
     """Return the shape of a map; the lower corner of the domain is the origin of the map's frame."""
     write(folder, walls, size, at)
-    given = {"file": "plan.yaml", "unknown": "wall", "origin": (0.0, 0.0), "base": 0.0, "height": None}
+    given = {
+        "file": "plan.yaml",
+        "resolution": None,
+        "unknown": "wall",
+        "origin": (0.0, 0.0),
+        "base": 0.0,
+        "height": None,
+    }
     return FloorPlan(SimpleNamespace(**{**given, "motion": None, **keys}), extent, folder)
 
 
@@ -217,6 +224,29 @@ def test_map_savers_grey_for_unknown_is_never_air_in_silence(
     for word in words:
         assert word in said
     assert ("grey" in said) == any("pixels" in word for word in words)
+
+
+@pytest.mark.parametrize("name", ["plan.png", "plan.PGM", "plan.bmp"])
+def test_a_picture_with_a_resolution_is_a_map(tmp_path, name):
+    walls = np.random.default_rng(2).random((10, 8)) < 0.4
+    Image.fromarray(np.where(walls, 20, 250).astype(np.uint8).T[::-1]).save(tmp_path / name)
+    one = {"kind": "map", "file": name, "resolution": "5 cm"}
+    _, resources = load(rooms([one], (0.5, 0.4)), folder=tmp_path)
+    found = resources.shapes["obstacles[0]"]
+    assert isinstance(found, FloorPlan)
+    np.testing.assert_array_equal(found.solid, walls)
+    assert found.size == pytest.approx(0.05)
+    assert "10 x 8 pixels of 0.05 m, " in resources.facts["obstacles[0]"].text
+    assert "(0, 0)" in resources.facts["obstacles[0]"].remarks[0]
+    _, resources = load(rooms([one | {"origin": [0.1, 0.0]}], (0.5, 0.4)), folder=tmp_path)
+    moved, shift = resources.shapes["obstacles[0]"], np.array([0.1, 0.0])
+    at = np.array([[0.025, 0.025], [0.125, 0.225]])
+    np.testing.assert_array_equal(moved.inside(at), found.inside(at + shift))
+    with pytest.raises(ScenarioError, match=r"obstacles\[0\]: plan.*resolution"):
+        load(rooms([{"kind": "map", "file": name}]), folder=tmp_path)
+    write(tmp_path, walls)
+    with pytest.raises(ScenarioError, match=r"obstacles\[0\]: plan\.yaml: .*resolution"):
+        load(rooms([one | {"file": "plan.yaml"}]), folder=tmp_path)
 
 
 def test_all_keys_of_a_scenario_with_a_map_keep_its_walls(tmp_path):
