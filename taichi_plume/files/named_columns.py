@@ -91,7 +91,10 @@ def pick(
                 raise ConventionError(f"has several columns '{form}'; remove or rename all but one")
             if here or stated:
                 n = (here or stated)[0]
-                picked[key] = Picked(n, names[n], split[n][1] if stated else "")
+                unit = (
+                    split[n][1] if stated or _is_unit(split[n][1], column) else ""
+                )  # reading_ppm is a name of ours
+                picked[key] = Picked(n, names[n], unit)
                 _require_unit(picked[key], column)
                 break
     return picked
