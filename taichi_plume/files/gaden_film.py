@@ -36,6 +36,9 @@ from taichi_plume.scenario.playback import GadenGas
 
 LARGEST_FILE = 1 << 28  # bytes
 UNPACKED = 1 << 30  # bytes of a file once unpacked
+SMALL = 1 << 26  # bytes that a file of any size may have once unpacked
+TIGHTEST = 100  # bytes per packed byte of larger files
+MOST_VALUES = 2e9  # of all filaments at the cells within reach
 MOST_CELLS = 100_000_000
 LARGEST = 1e12  # ppm: sums stay finite
 MARK = b"GADEN_RESULT\0"
@@ -170,13 +173,13 @@ def _unpacked(path: Path) -> bytes:
     content = content_of(path, LARGEST_FILE, FilmError)
     if content.startswith(MARK):
         content = content[len(MARK) + 8 :]
-    unpacked = zlib.decompressobj()
+    unpacked, most = zlib.decompressobj(), min(UNPACKED, max(SMALL, TIGHTEST * len(content)))
     try:
-        result = unpacked.decompress(content, UNPACKED)
+        result = unpacked.decompress(content, most)
     except zlib.error:
         raise FilmError(f"{path}: is no result of GADEN, or damaged: it cannot be unpacked") from None
     if not unpacked.eof:
-        raise FilmError(f"{path}: is cut, or has more than {UNPACKED >> 20} MiB once unpacked")
+        raise FilmError(f"{path}: is cut, or has more than {most >> 20} MiB once unpacked")
     return result
 
 
@@ -262,22 +265,23 @@ class GadenFilm:
 
     def _sum(self, result: Result) -> np.ndarray:
         """Return the sum [ppm] of the Gaussians of all filaments at the centres of the cells, (x, y, z)."""
-        values = np.zeros(result.shape)
-        shape = np.array(result.shape)
-        for *place, sigma in result.filaments:
-            radius = CUT * sigma / 100.0
-            begin, end = (
-                np.clip(
-                    np.floor((place + sign * radius - result.low) / result.edge).astype(int) + (sign > 0),
-                    0,
-                    shape,
-                )
-                for sign in (-1.0, 1.0)
+        values, sigmas = np.zeros(result.shape), result.filaments[:, 3:]
+        begin, end = (
+            np.clip((result.filaments[:, :3] + reach * sigmas - result.low) / result.edge, 0, result.shape)
+            for reach in (-CUT / 100.0, CUT / 100.0)
+        )
+        begin, end = np.floor(begin).astype(int), np.ceil(end).astype(int)
+        if np.prod((end - begin).astype(float), axis=1).sum() > MOST_VALUES:
+            raise FilmError(
+                f"{result.path}: has too many or too wide filaments for cells of {result.edge:g} m"
             )
-            if (begin >= end).any():
+        for (*place, sigma), first, last in zip(result.filaments, begin, end, strict=True):
+            if (first >= last).any():
                 continue
+            radius = CUT * sigma / 100.0
             centres = [
-                result.low[a] + result.edge * (np.arange(begin[a], end[a]) + 0.5) - place[a] for a in range(3)
+                result.low[a] + result.edge * (np.arange(first[a], last[a]) + 0.5) - place[a]
+                for a in range(3)
             ]
             x, y, z = np.meshgrid(*centres, indexing="ij")
             squared = x**2 + y**2 + z**2
@@ -285,7 +289,7 @@ class GadenFilm:
             if self.walls is not None:
                 near &= self._in_sight(np.array(place), np.stack([x, y, z], axis=-1), np.sqrt(squared))
             at_centre = result.strength / sigma**3
-            box = tuple(map(slice, begin, end))
+            box = tuple(map(slice, first, last))
             values[box] += np.where(near, at_centre * np.exp(-squared * 1e4 / (2.0 * sigma**2)), 0.0)
         return values
 

@@ -38,6 +38,7 @@ MACRO = re.compile(
 )
 START = 1 << 16  # bytes of a field in which its internalField begins
 LARGEST_DICTIONARY = 1 << 22
+DEEPEST = 100  # dictionaries within dictionaries
 TOKEN = re.compile(r'"[^"\n]*+"|[{};]|[^\s{};"]++')
 DIRECTIVE = re.compile(r"#\{.*?(?:#\}|\Z)|^[ \t]*+#\w[^\n]*+", re.DOTALL | re.MULTILINE)
 BOMS = {b"\xef\xbb\xbf": "utf-8", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
@@ -313,6 +314,8 @@ def dictionary(path: Path) -> dict[str, Any]:
             inner: dict[str, Any] = {}
             stack[-1][" ".join(words).strip('"')] = inner
             stack.append(inner)
+            if len(stack) > DEEPEST:
+                raise WindFileError(f"{path}: its braces are nested more than {DEEPEST} deep")
         elif token == "}":
             stack = stack[:-1] or [top]
         elif token == ";":

@@ -225,6 +225,37 @@ def test_faults_of_results_are_reported_in_a_line(tmp_path, body, fault):
     assert "\n" not in str(caught.value)
 
 
+def test_filaments_without_bounds_take_little_time(tmp_path):
+    put(tmp_path / "result/iteration_0", result((3, 0), np.tile([1e30, 2.6, 0.4, 1e12], (50, 1))))
+    assert (opened(tmp_path).frame(0, ["c"])["c"] < 1e-12).all()
+    many = np.tile([0.0, 2.6, 0.4, 1e4], (12_000_000, 1)).astype("<f4")
+    found = gaden_film.Result(tmp_path, LOW, EDGE, SHAPE, np.zeros(3), 0, None, many, 1.0)
+    with pytest.raises(FilmError, match="too many or too wide"):
+        opened(tmp_path)._sum(found)
+
+
+def test_damaged_results_are_reported_or_read(tmp_path):
+    rng = np.random.default_rng(6)
+    bodies = [result(version) for version in VERSIONS]
+    reported = 0
+    for n in range(300):
+        damaged = bytearray(bodies[n % len(bodies)])
+        for _ in range(3):
+            damaged[rng.integers(len(damaged))] = rng.integers(256)
+        put(tmp_path / "result/iteration_0", bytes(damaged[: rng.integers(1, len(damaged) + 1)]), n % 2 == 0)
+        try:
+            assert np.isfinite(opened(tmp_path).frame(0, ["c"])["c"]).all()
+        except FilmError as error:
+            reported += "\n" not in str(error)
+    assert reported > 100
+
+
+def test_a_packed_result_may_not_unpack_without_end(tmp_path):
+    put(tmp_path / "result/iteration_0", result((3, 0)) + bytes(100_000_000))
+    with pytest.raises(FilmError, match="MiB once unpacked"):
+        opened(tmp_path)
+
+
 def test_what_is_no_result_or_differs(tmp_path):
     put(tmp_path / "result/iteration_0", result((3, 0)))
     (tmp_path / "result/iteration_1").write_bytes(b"plain text")

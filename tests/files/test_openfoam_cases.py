@@ -49,6 +49,28 @@ def test_the_extent_is_that_of_the_mesh(tmp_path):
     np.testing.assert_allclose(site(tmp_path, origin=(-4.5, -1.0, 0.0)).low, [-0.5, 0.0, 0.0], atol=1e-12)
 
 
+@pytest.mark.parametrize("keys", [{}, {"binary": True}])
+def test_extent_and_equal_values_are_those_of_another_reader(tmp_path, keys):
+    import pyvista
+
+    case(tmp_path, ("1",), {"controlDict": "startTime 0; endTime 1; deltaT 1; writeInterval 1;"}, **keys)
+    Writer(tmp_path).raw_field("1", "U", "nonuniform List<vector> 24{(0.1 -0.2 0.3)}")
+    (tmp_path / "case.foam").touch()
+    reader = pyvista.OpenFOAMReader(str(tmp_path / "case.foam"))
+    reader.set_active_time_value(1.0)
+    mesh, ours = reader.read()["internalMesh"], read(tmp_path / "1")
+    assert ours.box is not None
+    np.testing.assert_allclose(np.ravel(np.array(ours.box).T), mesh.bounds, atol=1e-6)
+    np.testing.assert_allclose(ours.velocity, mesh.cell_data["U"], atol=1e-7)
+
+
+def test_a_dictionary_nested_without_end(tmp_path):
+    (tmp_path / "system").mkdir()
+    (tmp_path / "system/fvSchemes").write_text("a {" * 100_000 + "b $c $d;" * 1000)
+    assert steadiness(tmp_path)[0] is None
+    assert "nested" in steadiness(tmp_path)[1]
+
+
 def test_points_that_no_face_uses_do_not_count(tmp_path):
     points, cells = box((2, 2, 2), lambda x: x)
     writer = Writer(tmp_path / "case")
