@@ -39,10 +39,10 @@ SKIN = 1e-5  # m: offset of a section from the given height, so that it does not
 
 
 class _Body:
-    """Closed body: its triangles (m, 3), and an open3d scene of them. Points are arrays (n, 3) in single precision."""
+    """Closed body: corners (m, 3, 3) of its triangles, and an open3d scene. Points are (n, 3) in single precision."""
 
-    def __init__(self, vertices: np.ndarray, triangles: np.ndarray):
-        self.triangles, self.scene = triangles, _scene(vertices, triangles)
+    def __init__(self, corners: np.ndarray):
+        self.corners, self.scene = corners, _scene(corners)
 
     def signed_distance(self, points: np.ndarray) -> np.ndarray:
         return self.scene.compute_signed_distance(_open3d().core.Tensor(points)).numpy()
@@ -53,16 +53,20 @@ class _Body:
 
 
 class _OpenBody(_Body):
-    """Bodies with holes, or with edges of more than two triangles, whose inside is that of the winding number."""
+    """Bodies with holes, or with edges of more than two triangles, whose inside is that of the winding number.
+
+    Caps over flat holes belong to the surface.
+    """
 
     def __init__(self, vertices: np.ndarray, triangles: np.ndarray):
-        super().__init__(vertices, triangles)
         used = vertices[triangles]
+        self.area = _areas(vertices, triangles).sum()
         self.low, self.high = used.min(axis=(0, 1)), used.max(axis=(0, 1))
         self.caps = caps_of(vertices, triangles)
+        super().__init__(np.concatenate([used, self.caps.corners[self.caps.flat]]))
         corners = np.concatenate([used, self.caps.corners])
         self._normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        self._closed = _scene(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+        self._closed = _scene(corners)
 
     def signed_distance(self, points: np.ndarray) -> np.ndarray:
         away = self.scene.compute_distance(_open3d().core.Tensor(points)).numpy()
@@ -130,11 +134,11 @@ class Solid(Shape):
                 f"{model.file}: has {count} bodies, with which all meshes have more than {MOST_BODIES}; "
                 "join bodies in a mesh editor, or leave small ones out"
             )
-        self._bodies = [_Body(self.vertices, triangles) for triangles in parts.bodies]
+        self._bodies = [_Body(self.vertices[triangles]) for triangles in parts.bodies]
         remarks = [*data.remarks, *parts.remarks, *self._scale_remarks()]
         if parts.open is not None:
             loose = _OpenBody(self.vertices, parts.open)
-            remarks.append(_judged(model.file, parts.gaps, loose, self.vertices))
+            remarks.append(_judged(model.file, parts.gaps, loose))
             self._bodies.append(loose)
         self.remarks = tuple(f"{model.file}: {remark}" for remark in remarks)
         bodies = f"{count} bod{'ies' if count > 1 else 'y'}"
@@ -178,7 +182,7 @@ class Solid(Shape):
         """Return the distance [m] to the shadow of the bodies between two heights; negative inside it."""
         shadow = np.full(points.shape[:-1], inf)
         for body in self._bodies:
-            edges = _edges_between(self.vertices[body.triangles], low, high)
+            edges = _edges_between(body.corners, low, high)
             if not len(edges):
                 continue
             foot = _at_height(points, low)
@@ -298,12 +302,12 @@ def _has_edge(triangles: np.ndarray, edges: np.ndarray) -> bool:
     return bool(np.isin(ends @ [1 << 32, 1], given @ [1 << 32, 1]).any())
 
 
-def _judged(name: str, gaps: str, loose: _OpenBody, vertices: np.ndarray) -> str:
+def _judged(name: str, gaps: str, loose: _OpenBody) -> str:
     """Return a remark on bodies that are not closed; gaps: their edges in words. Raises MeshError if they are too open.
 
     They are if the holes, or the volume that may be inside or outside, are more than a few percent.
     """
-    share, undecided = loose.caps.area / _areas(vertices, loose.triangles).sum(), loose.undecided()
+    share, undecided = loose.caps.area / loose.area, loose.undecided()
     figures = (
         f"holes are {100 * share:.3g} % of the surface, and the winding number leaves {100 * undecided:.3g} % of the "
         "volume undecided (within 0.2 of 1/2)"
@@ -339,17 +343,19 @@ def _check_edges(path: Path, vertices: np.ndarray, triangles: np.ndarray) -> Non
         )
 
 
-def _scene(vertices: np.ndarray, triangles: np.ndarray) -> Any:
+def _scene(corners: np.ndarray) -> Any:
+    """Return an open3d scene of triangles, given by their corners (m, 3, 3)."""
     o3d = _open3d()
     scene = o3d.t.geometry.RaycastingScene()
+    triangles = np.arange(3 * len(corners), dtype=np.uint32).reshape(-1, 3)
     scene.add_triangles(
-        o3d.core.Tensor(vertices.astype(np.float32)), o3d.core.Tensor(triangles.astype(np.uint32))
+        o3d.core.Tensor(corners.reshape(-1, 3).astype(np.float32)), o3d.core.Tensor(triangles)
     )
     _scenes.add(scene)
     return scene
 
 
-_scenes: "WeakSet[Any]" = WeakSet()  # vertices in use
+_scenes: "WeakSet[Any]" = WeakSet()  # in use
 
 
 def _least(points: np.ndarray, queries: Sequence[Query], sign: float = 1.0) -> np.ndarray:
@@ -400,6 +406,5 @@ def _distance_to(scene: Any) -> Query:
 def _curtain(edges: np.ndarray) -> Any:
     """Return an open3d scene to measure distances in the plane z = 0: each edge (n, 2, 2) is a vertical wall."""
     bottom, top = _at_height(edges, -1.0), _at_height(edges, 1.0)
-    corners = np.concatenate([bottom, top], axis=1).reshape(-1, 3)
-    first = 4 * np.arange(len(edges))[:, None]
-    return _scene(corners, np.concatenate([first + np.array(corner) for corner in ((0, 1, 2), (1, 3, 2))]))
+    corners = np.concatenate([bottom, top], axis=1)
+    return _scene(corners[:, [[0, 1, 2], [1, 3, 2]]].reshape(-1, 3, 3))

@@ -11,15 +11,21 @@ from math import pi
 
 import numpy as np
 
+FLAT = 0.9999  # of the area of a hole's caps: so much has one normal if the hole is flat
+STAR = 0.8  # of the same area: so much lies within the rim, and not beside it
 MOST_PAIRS = 1 << 22  # points times triangles of caps computed together
 
 
 @dataclass(frozen=True)
 class Caps:
-    """Triangles (k, 3, 3) that close the holes of a surface, and the area of the holes, seen along their normals."""
+    """Triangles (k, 3, 3) that close the holes of a surface, and the area of the holes, seen along their normals.
+
+    flat: mask of the triangles in flat holes, which are the surface that the winding number gives there.
+    """
 
     corners: np.ndarray
     area: float
+    flat: np.ndarray
 
 
 def caps_of(vertices: np.ndarray, triangles: np.ndarray) -> Caps:
@@ -30,18 +36,21 @@ def caps_of(vertices: np.ndarray, triangles: np.ndarray) -> Caps:
     """
     edges = rim_edges(triangles)
     if not len(edges):
-        return Caps(np.empty((0, 3, 3)), 0.0)
+        return Caps(np.empty((0, 3, 3)), 0.0, np.empty(0, bool))
     used, index = np.unique(edges, return_inverse=True)
     index = index.reshape(-1, 2)
     hole = _connected(index.T, len(used))
     count = hole.max() + 1
     middle = np.stack([np.bincount(hole, x, count) for x in vertices[used].T], axis=-1)
     middle /= np.bincount(hole)[:, None]
-    apex = middle[hole[index[:, 0]]]
-    corners = np.stack([vertices[edges[:, 1]], vertices[edges[:, 0]], apex], axis=1)
+    of = hole[index[:, 0]]
+    corners = np.stack([vertices[edges[:, 1]], vertices[edges[:, 0]], middle[of]], axis=1)
     normal = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    total = np.stack([np.bincount(hole[index[:, 0]], x, count) for x in normal.T], axis=-1)
-    return Caps(corners, float(np.linalg.norm(total, axis=1).sum()))
+    total = np.stack([np.bincount(of, x, count) for x in normal.T], axis=-1)
+    seen = np.linalg.norm(total, axis=1)
+    along = np.abs(np.einsum("kd,kd->k", normal, (total / np.maximum(seen, 1e-300)[:, None])[of]))
+    whole, level = (np.bincount(of, x, count) for x in (np.linalg.norm(normal, axis=1), along))
+    return Caps(corners, float(seen.sum()), ((level > FLAT * whole) & (seen > STAR * whole))[of])
 
 
 def rim_edges(triangles: np.ndarray) -> np.ndarray:

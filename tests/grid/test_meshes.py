@@ -250,11 +250,23 @@ def test_a_flat_hole_is_closed_flat(tmp_path):
     first = ((p > low) & (p < high)).all(axis=1)
     second = ((p > (3.0, 1.0, 0.0)) & (p < (3.5, 2.0, 0.5))).all(axis=1)
     np.testing.assert_array_equal(one.inside(p), first | second)
-    np.testing.assert_array_equal(one.signed_distance(p) < 0, first | second)
+    bodies = [((1.0, 1.0, 0.1), (2.2, 2.0, 0.9)), ((3.0, 1.0, 0.0), (3.5, 2.0, 0.5))]
+    exact = np.min([_box_distance(p, *map(np.array, body)) for body in bodies], axis=0)
+    np.testing.assert_allclose(one.signed_distance(p), exact, atol=1e-5)
+    above = _box_distance(p[:, :2], low[:2], high[:2])  # of robots 0.3 m high, which meet the hole
+    near = p[:, 0] < 2.5
+    found = one.horizontal_distance(p[:, :2], 0.0, 0.3)
+    np.testing.assert_allclose(found[near & (above > 0)], above[near & (above > 0)], atol=1e-4)
     flat = shape(Mesh(kind="mesh", file="open.stl", section=0.45), FLOOR, tmp_path)
     np.testing.assert_array_equal(flat.inside(p[:, :2]), flat.signed_distance(p[:, :2]) < 0)
     np.testing.assert_array_equal(flat.inside(p[:, :2]), _in_rectangles(p))
     assert "2 bodies" in one.text
+
+
+def _box_distance(p, low, high):
+    """Return the signed distance of points (n, d) to an upright box."""
+    beyond = np.maximum(low - p, p - high)
+    return np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
 
 
 def _in_rectangles(p):
