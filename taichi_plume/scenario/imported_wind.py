@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from math import inf, prod
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 import psutil
@@ -49,12 +49,12 @@ class ImportedWind(AnyWind, Played):
     height: si.Coordinate | None = None
     """Height z in the files at which a 2-D run cuts them; unless given, the middle of the points."""
     columns: dict[Literal["x", "y", "z", "u", "v", "w", "nut"], str] = Field(default_factory=dict)
-    """Names of a table's columns for x, y, z, u, v, w and nut, with or without a unit, such as {x: "pos [mm]"}. Unless
+    """Names of a table's columns for x, y, z, u, v, w and nut, with or without a unit, such as {x: "pos (mm)"}. Unless
     given, they are found by the names that programs write."""
     points: Literal["nodes", "centres"] | None = None
     """Meaning of a table's points: nodes lie on the boundary of the flow, centres of cells half a cell inside. Unless
     given, the header or the positions of the points say it."""
-    missing: tuple[float, ...] = ()
+    missing: Annotated[tuple[si.Missing, ...], Field(max_length=100)] = ()
     """Numbers in a table that mean no velocity, besides -999 and -9999. Such points are left out."""
     occupancy: FileName | None = None
     """Path of an OccupancyGrid3D.csv of GADEN's: obstacles besides the scenario's own. A config.yaml or

@@ -65,6 +65,7 @@ Prandtl = Annotated[float, *number(0.01, 100)]
 Exponent = Annotated[float, *number(0.01, 10)]
 Swirl = Annotated[float, *number(-100, 100)]
 Magnitude = Annotated[float, *number(1e-12, 1e12)]  # in a unit of someone else's
+Missing = Annotated[float, *number(-1e12, 1e12)]  # a number that means none
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
 Point = Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=3), PER_AXIS]
 Edges = Annotated[tuple[Length, ...], Field(min_length=2, max_length=3), PER_AXIS]

@@ -53,7 +53,7 @@ _EVERYDAY = {
     "a flow from elsewhere is kind: imported": "openfoam gaden csv vtk paraview file files field import simscale",
     "random eddies without a solver are kind: synthetic": "turbulent turbulence random noise eddies brownian farrell",
     "puffs or filaments that the wind carries are kind: puffs": (
-        "filament filaments puff gaden lagrangian particle particles whiffs farrell"
+        "filament filaments puff lagrangian particle particles whiffs farrell"
     ),
     "a plume by a formula is kind: gaussian_plume (the mean) or kind: meandering; one computed on the grid is "
     "kind: eulerian": "plume gaussian gauss analytic analytical static pasquill",

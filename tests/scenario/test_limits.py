@@ -80,6 +80,7 @@ OTHERS = {
     "Motion.path": "of three each, in any run",
     "StartAt.positions": "of two each, in any run",
     "RangeSensors.bearings_deg": "one per sensor",
+    "ImportedWind.missing": "a list of any length",
 }
 """Lists of numbers that are no vectors, though none has a fixed length."""
 

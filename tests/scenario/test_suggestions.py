@@ -119,7 +119,8 @@ def test_what_is_no_yaml_gets_its_line_and_what_to_write(tmp_path, text, line, m
 
 @pytest.mark.parametrize("unit", SCALES)
 def test_units_that_messages_name_are_taken(unit):
-    for name in units_like(unit).split(", "):
+    for name in SCALES[unit]:
+        assert name in units_like(unit).split(", ")
         value = parse(f"2.5 {name}", unit)
         assert value == pytest.approx(275.65 if name == "degC" else 2.5 * SCALES[unit][name], rel=1e-12)
 
