@@ -1,6 +1,6 @@
 """Plume movies from other sources: gas concentrations over time, y and x, read frame by frame.
 
-The array (see `stored_arrays`) states what it can: names and coordinates of its axes, with their order and direction,
+The array (see `array_files`) states what it can: names and coordinates of its axes, with their order and direction,
 units, packing and missing values by the CF conventions, and plume-nav-sim's attributes fps, pixel_to_grid and origin
 (y, x) of the array or its group, in metres or the unit of an attribute such as spatial_unit. Keys of the scenario say
 the rest.
@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from taichi_plume.files.array_files import open_array
 from taichi_plume.files.conventions import (
     ConventionError,
     FileFacts,
@@ -27,7 +28,8 @@ from taichi_plume.files.conventions import (
     when,
 )
 from taichi_plume.files.film import FilmError
-from taichi_plume.files.stored_arrays import ArrayFileError, StoredArray, open_array, require_declared_size
+from taichi_plume.files.hdf5_arrays import require_declared_size
+from taichi_plume.files.stored_arrays import ArrayFileError, StoredArray
 from taichi_plume.files.zarr_groups import LARGEST_CHUNK, MOST_CHUNKS, errors_as
 from taichi_plume.guard.terminal import visible
 from taichi_plume.scenario.domain import Domain

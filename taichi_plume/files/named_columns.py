@@ -289,7 +289,7 @@ def _header(
     ):
         names = [f"column {n + 1}" for n in range(width)]
         return pick(names, {key: accepted[key] for key in given}, given), names
-    if len(without) == width and best is None and mark is None:
+    if without and len(without) == width and best is None and mark is None:
         return {key: Picked(n, key, "") for n, key in enumerate(without)}, list(without)
     if error is not None:
         raise error

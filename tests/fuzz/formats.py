@@ -2,6 +2,8 @@
 
 import json
 import shutil
+import struct
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,6 +47,9 @@ FORMATS = {
     "film": Format("fields.zarr", "film", checked=True, text=False),
     "plumesim_log": Format("short.pslog", "log"),
     "fluent": Format("plume002.txt", "fluent"),
+    "netcdf": Format("movie.nc", "netcdf", text=False),
+    "netcdf3": Format("movie3.nc", "netcdf3", text=False),
+    "gaden_result": Format("result/iteration_1", "gaden_result", text=False),
     "paraview": Format("wind_2.csv", "imported"),
     "gaden_wind": Format("gaden_0.csv", "gaden"),
     "openfoam": Format("set/0/U.xy", "openfoam"),
@@ -103,6 +108,7 @@ def make(folder: Path) -> None:
         json.dumps({"name": "a", "status": "completed", "seed": 1, "version": __version__})
     )
     np.save(folder / "movie.npy", np.random.default_rng(2).random((6, 20, 30)))
+    _write_movies(folder, text)
     _write_maps(folder / "maps.zarr")
     manifest.write(folder, {}, [folder / name for name in ("robots.parquet", "fields.zarr", "maps.zarr")])
 
@@ -127,6 +133,29 @@ def _write_table(path: Path) -> None:
         **{name: rng.normal(2.0, 0.5, len(n)).astype(np.float32) for name in names},
     }
     pq.write_table(pa.table(table), path, compression="zstd", write_page_checksum=True, row_group_size=1000)
+
+
+def _write_movies(folder: Path, text: str) -> None:
+    """Movies that xarray writes, a result of GADEN, and the scenarios that play them."""
+    import xarray
+
+    axes = {"time": np.arange(4) / 2, "y": 0.05 + 0.1 * np.arange(5)[::-1], "x": 0.05 + 0.1 * np.arange(6)}
+    values = np.random.default_rng(2).random((4, 5, 6))
+    data = xarray.Dataset({"gas": (tuple(axes), values, {"units": "ppm"})}, axes)
+    packing = {"gas": {"dtype": "i2", "scale_factor": 0.001, "_FillValue": -1}}
+    data.to_netcdf(folder / "movie.nc", engine="h5netcdf", encoding=packing)
+    data.to_netcdf(folder / "movie3.nc", engine="scipy", encoding=packing)
+    for name in ("movie.nc", "movie3.nc"):
+        played = f"wind: {{kind: uniform, velocity: [0.1, 0]}}\ngas: {{kind: movie, file: {name}}}\n"
+        (folder / {"movie.nc": "netcdf.yaml", "movie3.nc": "netcdf3.yaml"}[name]).write_text(text + played)
+    (folder / "result").mkdir(exist_ok=True)
+    for n in range(2):
+        head = struct.pack("<i6d3i3d3d", 1, 0, 0, 0, 0.6, 0.5, 0.2, 6, 5, 2, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
+        filaments = [struct.pack("<i4d", k, 0.1 + 0.1 * k, 0.2, 0.1, 5.0 + n) for k in range(5)]
+        body = head + struct.pack("<i2di", 0, 1e-8, 4.1e-5, 0) + b"".join(filaments)
+        (folder / f"result/iteration_{n}").write_bytes(zlib.compress(body))
+    gas = "gas: {kind: gaden, files: result/iteration_%d}"
+    (folder / "gaden_result.yaml").write_text(f"{text}wind: {{kind: uniform, velocity: [0.1, 0]}}\n{gas}\n")
 
 
 def _write_maps(path: Path) -> None:
@@ -241,6 +270,8 @@ def _scenario(folder: Path, kind: Format) -> tuple[Callable[[], Any], tuple]:
                 if name.startswith(("open_", "area_", "volume"))
             ]
             found += [film.times, film.attributes, film.shape, film.dx, film.air().volume]
+        for film in (*resources.movies.values(), *resources.gaden_films.values()):
+            found += [film.frame(n, ["gas"]) for n in range(len(film.times))]
         found += [one.rectangles(1000) for one in resources.obstacles if isinstance(one, FloorPlan)]
         if resources.site:
             found += [resources.site.read(file).velocity for _, file in resources.site.files]

@@ -1,0 +1,135 @@
+"""Arrays in HDF5 files: NetCDF 4, MATLAB 7.3 and others.
+
+A child process reads names, coordinates and attributes: in a damaged file HDF5 may never come to an end.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_plume.files.stored_arrays import (
+    MOST_ALONG,
+    ArrayFileError,
+    StoredArray,
+    Values,
+    among,
+    chosen,
+    cubes,
+    plain,
+    with_beside,
+)
+from taichi_plume.guard.sandbox import MIB, ConfinedError, ConfinedProcess, Limits
+from taichi_plume.guard.terminal import visible
+
+FILTERS = {1, 2, 3}  # gzip (deflate), shuffle, fletcher32
+SECONDS, MEMORY = 4.0, 1024 * MIB  # computing time and memory to read the names in a file
+MOST_NODES = 10_000  # groups and arrays that are looked at
+
+
+def open_hdf5(path: Path, variable: str | None, usual: Sequence[str], is_matlab: bool) -> StoredArray:
+    """Open an array of an HDF5 file. A child process reads names and attributes: in a damaged file that may not end."""
+    import h5py
+
+    process = ConfinedProcess("h5py", __name__)
+    try:
+        limits = Limits(SECONDS, MEMORY, opens=True)
+        name, stored = process.call(_layout, path, variable, tuple(usual), is_matlab, limits=limits)
+    except ConfinedError as error:
+        raise ArrayFileError(f"{path}: {error}; is it damaged?") from None
+    finally:
+        process.close()
+    return replace(stored, values=h5py.File(path, "r")[name])
+
+
+def _layout(
+    path: Path, variable: str | None, usual: Sequence[str], is_matlab: bool
+) -> tuple[str, StoredArray]:
+    """Return the name of an array in an HDF5 file, and all of it but its values."""
+    import h5py
+
+    file = h5py.File(path, "r")
+    arrays = dict(_datasets(file))
+    given = (variable or "").strip("/") or None
+    names = sorted(arrays) if given else cubes({name: array.shape for name, array in arrays.items()})
+    array = arrays[chosen(path, names, given, usual)]
+    name = array.name.strip("/")
+    _require_plain(path, array)
+    beside = {}
+    for own, whole in among(name, list(arrays)).items():
+        other = arrays[whole]
+        if (
+            other.size == max(other.shape, default=0)
+            and 1 < other.size <= MOST_ALONG
+            and other.dtype.kind in "fiu"
+        ):
+            _require_plain(path, other)
+            beside[own] = (np.ravel(other[...]), plain(dict(other.attrs)))
+    axes = tuple(_axis_of(array, n) for n in range(array.ndim))
+    order = ("time", "x", "y") if is_matlab else ("time", "y", "x")
+    axes = with_beside(axes, array.shape, order, beside)
+    form = "MATLAB" if is_matlab else "NetCDF" if "_NCProperties" in file.attrs or any(axes) else "HDF5"
+    of_file = plain(dict(file.attrs)) | plain(dict(array.parent.attrs))
+    chunks = array.chunks or (1, *array.shape[1:])
+    return name, StoredArray(None, chunks, form, plain(dict(array.attrs)), of_file, axes, beside)
+
+
+def _datasets(group: Any, before: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield (path, array) of all arrays of an HDF5 group and below; links to elsewhere are not followed."""
+    import h5py
+
+    for n, name in enumerate(group):
+        if n > MOST_NODES or before.count("/") > 20:
+            return
+        if not isinstance(group.get(name, getlink=True), h5py.HardLink) or str(name).startswith("#"):
+            continue
+        node = group[name]
+        if isinstance(node, h5py.Dataset):
+            yield f"{before}{name}", node
+        elif isinstance(node, h5py.Group):
+            yield from _datasets(node, f"{before}{name}/")
+
+
+def _axis_of(array: Any, n: int) -> str:
+    """Return the name of axis n of an HDF5 array, by its dimension scale or label; "" without one."""
+    axis = array.dims[n]
+    return axis[0].name.rpartition("/")[2] if len(axis) else str(axis.label or "")
+
+
+def _require_plain(path: Path, array: Any) -> None:
+    """Raise ArrayFileError if an HDF5 array lies in other files or is packed by a filter that is not read."""
+    import h5py
+
+    if array.is_virtual or array.external:
+        raise ArrayFileError(f"{path}: {visible(array.name, 40)} lies in other files; copy it into one")
+    plan = array.id.get_create_plist()
+    filters = [plan.get_filter(n)[0] for n in range(plan.get_nfilters())]
+    if set(filters) - FILTERS or filters.count(h5py.h5z.FILTER_DEFLATE) > 1:
+        raise ArrayFileError(
+            f"{path}: {visible(array.name, 40)} is packed; only gzip, once, and shuffle are read"
+        )
+
+
+def require_declared_size(array: Values, along: int, n: int) -> None:
+    """Raise ValueError if a gzip chunk of an HDF5 array, at index n of axis `along`, is larger than it declares."""
+    import h5py
+
+    from taichi_plume.files.bounded_codecs import unpack  # imports zarr
+
+    if not isinstance(array, h5py.Dataset) or array.compression != "gzip" or array.chunks is None:
+        return
+    most = math.prod(array.chunks) * array.dtype.itemsize + 4  # fletcher32
+    starts = [range(0, length, size) for length, size in zip(array.shape, array.chunks, strict=True)]
+    begin = n // array.chunks[along] * array.chunks[along]
+    starts[along] = range(begin, begin + 1)
+    for corner in itertools.product(*starts):
+        try:
+            skipped, packed = array.id.read_direct_chunk(corner)
+        except (OSError, ValueError, RuntimeError):
+            continue  # not stored
+        if not skipped:  # no filter
+            unpack("zlib", packed, most)
