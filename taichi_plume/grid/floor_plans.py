@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from taichi_plume.grid.drawings import read_drawing
 from taichi_plume.grid.map_files import UNKNOWN, MapError, RosMap, read_map
 from taichi_plume.grid.shapes import TIE, Upright
 
@@ -34,7 +35,13 @@ class FloorPlan(Upright):
     """
 
     def __init__(self, model: Any, extent: tuple[float, ...], folder: Path):
-        plan = read_map(folder / model.file, model.resolution)
+        file = folder / model.file
+        if file.suffix.lower() == ".dxf":
+            plan = read_drawing(file, model.resolution, model.layers, model.scale)
+        elif model.layers or model.scale:
+            raise MapError(f"{model.file}: is no drawing (.dxf), for which layers and scale are; remove them")
+        else:
+            plan = read_map(file, model.resolution)
         solid = plan.walls(model.unknown)
         low, high = _reach(plan)
         self.text = _described(plan, solid, low, high)

@@ -284,9 +284,14 @@ class WallMap(Standing):
     kind: Literal["map"]
     file: FileName
     """Path of the map's YAML file, relative to the scenario's folder, with a picture (PGM, PNG or BMP) beside it. Or of
-    the picture alone, with a `resolution`."""
+    the picture alone, or of a drawing (DXF), with a `resolution`."""
     resolution: Annotated[si.Length, SHAPE] | None = None
-    """Edge of a pixel of a picture without a YAML file, whose lower left corner is the origin of the map's frame."""
+    """Edge of a pixel of a picture without a YAML file, whose lower left corner is the origin of the map's frame, or of
+    the walls of a drawing."""
+    layers: Annotated[tuple[str, ...], Field(max_length=1000), SHAPE] = ()
+    """Layers of a drawing that are walls; unless given, all that are visible."""
+    scale: Annotated[si.SomeCoefficient, SHAPE] | None = None
+    """Metres per unit of a drawing, such as 0.001 for mm; unless given, as the drawing states."""
     unknown: Literal["wall", "free"] | None = None
     """Meaning of unknown pixels, and of pixels of grey 205, which map_saver writes for unknown. Unless given, pixels
     between the thresholds are walls, as most lie behind the walls, and the thresholds decide on grey 205."""
