@@ -105,12 +105,13 @@ def _scale(path: Path, document: Any, given: float | None) -> tuple[float, str]:
     """Return metres per unit of a drawing, and the name of the unit. Raises MapError if neither states it."""
     from ezdxf import units
 
-    code = int(document.header.get("$INSUNITS", 0))
+    code: Any = int(document.header.get("$INSUNITS", 0))  # of ezdxf's InsertUnits
+    metre: Any = units.M
     if given is not None:
         return given, f"units of {given:g} m"
     if code == 0:
         raise MapError(f"{path.name}: states no unit ($INSUNITS); give scale, metres per unit: 0.001 for mm")
-    return float(units.conversion_factor(code, units.M)), units.decode(code) or f"unit {code}"
+    return float(units.conversion_factor(code, metre)), units.decode(code) or f"unit {code}"
 
 
 def _parts(

@@ -286,8 +286,8 @@ class WallMap(Standing):
     """Path of the map's YAML file, relative to the scenario's folder, with a picture (PGM, PNG or BMP) beside it. Or of
     the picture alone, or of a drawing (DXF), with a `resolution`."""
     resolution: Annotated[si.Length, SHAPE] | None = None
-    """Edge of a pixel of a picture without a YAML file, whose lower left corner is the origin of the map's frame, or of
-    the walls of a drawing."""
+    """Edge of a pixel of a picture without a YAML file, or of the walls of a drawing. The lower left corner of such a
+    picture is the origin of the map's frame."""
     layers: Annotated[tuple[str, ...], Field(max_length=1000), SHAPE] = ()
     """Layers of a drawing that are walls; unless given, all that are visible."""
     scale: Annotated[si.SomeCoefficient, SHAPE] | None = None

@@ -1,9 +1,8 @@
 """Floor plans from CAD drawings, written by ezdxf: walls stand where their lines do, in metres."""
 
-import ezdxf
 import numpy as np
 import pytest
-from ezdxf import units
+from ezdxf import filemanagement, units
 
 from taichi_plume.assembly.preparation import load
 from taichi_plume.grid.drawings import read_drawing
@@ -16,7 +15,7 @@ METRES = {units.MM: 1e-3, units.CM: 1e-2, units.M: 1.0, units.IN: 0.0254}
 
 def drawing(path, unit=units.MM, version="R2010"):
     """A room with a partition, a round table, a hatched pillar, a block and a text, on three layers."""
-    document = ezdxf.new(version)
+    document = filemanagement.new(version)
     document.units = unit
     size = METRES.get(unit, 1.0)
     for name in ("walls", "furniture", "notes"):
@@ -78,7 +77,7 @@ def test_layers_are_chosen_and_hidden_ones_left_out(tmp_path):
     path = drawing(tmp_path / "plan.dxf")
     table = walls(read_drawing(path, 0.02, ("Furniture",), None))
     assert np.abs(np.linalg.norm(table[table[:, 0] > 1.2] - [2.0, 3.5], axis=1) - 0.4).max() < 0.02
-    document = ezdxf.readfile(path)
+    document = filemanagement.readfile(path)
     document.layers.get("furniture").off()
     document.saveas(path)
     plan = read_drawing(path, 0.02, (), None)
