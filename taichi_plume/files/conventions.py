@@ -17,11 +17,27 @@ import numpy as np
 
 from taichi_plume.scenario.quantities import conversion
 
-SENTINELS = (-999.0, -999.25, -9999.0, -99999.0, -999999.0, -9999999.0)
-"""Values that loggers and models write for "no value"."""
-UNIT_AT_END = re.compile(r"^(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]$")  # X (mm), u [ m s^-1 ]
-SUFFIXES = ("m", "cm", "mm", "km", "s", "ms", "us", "min", "h", "ppm", "ppb", "ppt", "m/s", "cm/s", "mm/s")
-"""Units that follow an underscore in the name of a column, such as x_mm."""
+SENTINELS = (
+    -999.0,
+    -9999.0,
+    -99999.0,
+    -999999.0,
+    -9999999.0,
+    -999.25,
+    -999.9,
+    -9999.9,
+    1e20,
+    9.969209968386869e36,
+)
+"""Values that loggers and models write for "no value"; the last are those of NetCDF and of climate models."""
+UNIT_AT_END = re.compile(r"^(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}]$")  # X (mm), u [ m s^-1 ]
+UNIT_AFTER = re.compile(r"^(.+?)(?:_|\s+in\s+|\s*[,/]\s*|\s+)(\S+)$")  # x_mm, x in mm, x/mm, "x, mm", x mm
+SPELLINGS = {"m_s": "m/s", "cm_s": "cm/s", "mm_s": "mm/s", "km_h": "km/h"}  # u_m_s
+SUFFIXES = {"m", "cm", "mm", "km", "in", "ft", "s", "sec", "ms", "us", "min", "h", "ppm", "ppb", "ppt", "m/s", "cm/s",
+            "mm/s", "km/h", "mps"}  # fmt: skip
+"""Units behind a name without brackets."""
+DAY = 86400.0  # s
+ZONE = re.compile(r"\s*(UTC|GMT)$")
 EARLIEST_DATE = 1e8  # s: larger times are those since 1970
 SINCE = re.compile(r"\s*(\w+)\s+since\s+(\d{1,4}-\d{1,2}-\d{1,2}.*)", re.IGNORECASE)
 ROLES = {
@@ -85,8 +101,14 @@ def split_unit(name: str) -> tuple[str, str]:
     match = UNIT_AT_END.match(plain)
     if match and match[1]:
         return match[1].lower(), match[2]
-    head, mark, unit = plain.lower().rpartition("_")
-    return (head, unit) if mark and unit in SUFFIXES else (plain.lower(), "")
+    lower = plain.lower()
+    for unit, spelling in SPELLINGS.items():
+        if lower.endswith(f"_{unit}"):
+            return lower.removesuffix(f"_{unit}"), spelling
+    match = UNIT_AFTER.match(lower)
+    if match and match[2] in SUFFIXES:
+        return match[1], match[2]
+    return lower, ""
 
 
 def in_si(values: np.ndarray, written: str, unit: str) -> np.ndarray:
@@ -120,14 +142,16 @@ def times_of(values: np.ndarray, written: str) -> np.ndarray:
 def iso_times(texts: Sequence[str | None]) -> np.ndarray:
     """Return Unix times [s] of dates such as 2026-01-01T10:00:00.5, or seconds of times of day; NaN if a text is none.
 
-    Dates without a zone are UTC.
+    Dates without a zone are UTC. Times of day go on over midnight.
     """
     import pandas
 
-    plain = pandas.Series([str(text or "").replace(",", ".") for text in texts], dtype="string")
-    if plain.str.fullmatch(r"\d{1,2}:.*").all():
-        whole = plain.where(plain.str.count(":") > 1, plain + ":00")
-        return pandas.to_timedelta(whole, errors="coerce").dt.total_seconds().to_numpy(float)
+    plain = pandas.Series(
+        [ZONE.sub("", str(text or "").strip()).replace(",", ".") for text in texts], dtype="string"
+    )
+    if plain.str.fullmatch(r"\d{1,2}:\d\d:.*").all():
+        of_day = pandas.to_timedelta(plain, errors="coerce").dt.total_seconds().to_numpy(float)
+        return of_day + DAY * np.cumsum(np.diff(of_day, prepend=of_day[:1]) < -DAY / 2)
     dates = pandas.to_datetime(plain, utc=True, errors="coerce", format="ISO8601")
     since = dates - pandas.Timestamp(0, tz="UTC")
     return since.dt.total_seconds().to_numpy(float, na_value=np.nan)

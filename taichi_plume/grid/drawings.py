@@ -17,7 +17,7 @@ from taichi_plume.guard.safe_open import content_of
 from taichi_plume.guard.terminal import visible
 
 if TYPE_CHECKING:
-    from ezdxf.entities import DXFEntity
+    from ezdxf.entities.dxfentity import DXFEntity
 
 LARGEST = 1 << 27  # bytes
 MOST_PARTS = 1_000_000  # lines and polygons

@@ -17,11 +17,21 @@ _NUMBER_AND_UNIT = re.compile(
     r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµμ%°][\w/*^ µμ%°().-]{0,40})\s*"
 )
 _EXPONENT = re.compile(r"([A-Za-zµμ])(-?\d)(?!\d)")  # of UDUNITS: m s-1, m3
+_WORD = re.compile(r"[A-Za-zµμ%°]+")
 LONGEST_UNIT = 40  # characters
 FILE_UNITS = {  # pint's names of units that files write otherwise
-    "ppmv": "ppm", "1e-6": "ppm", "ppbv": "ppb", "1e-9": "ppb", "1": "dimensionless", "-": "dimensionless",
-    "vol%": "percent", "sec": "s", "secs": "s", "seconds": "s", "kelvin": "K",
+    "ppmv": "ppm", "ppm_v": "ppm", "1e-6": "ppm", "ppbv": "ppb", "1e-9": "ppb", "pptv": "ppt", "vol%": "percent",
+    "vol %": "percent", "vol.%": "percent", "% vol": "percent", "%vol": "percent", "v/v": "mol/mol", "sec": "s",
+    "secs": "s", "mps": "m/s", "kmph": "km/h", "kph": "km/h", "mph": "mi/h", "fpm": "ft/min", "hrs": "h", "msec": "ms",
+    "usec": "us", "litre": "L", "liter": "L", "l": "L", "ml": "mL",
 }  # fmt: skip
+_UNIT_WORD = re.compile(
+    "[nuµμmcdk]?m|in|inch(es)?|ft|foot|feet|yd|mi|miles?|(milli|centi|kilo)?met(er|re)s?|[nuµμm]?s|(milli|micro)?seconds?|"
+    "min|minutes?|hr?|hours?|d|days?|pp[mbt]|percent|%|[nuµμmk]?g|grams?|m?L|[nuµμm]?mol|knots?|K|kelvin|degC|°C|Pa"
+)
+"""Units that files of this field state. pint knows more words, such as counts, px and dB, that are no such unit."""
+_SHARE = re.compile("pp[mbt]|percent|%|[nuµμm]?mol|c?m|m?L")
+"""Units of the share of a gas in the volume of the air; a mass per mass is none."""
 # pint computes powers: m**9**9**9 never ends
 _TOWER = re.compile(r"(\^|\*\*)[^A-Za-zµμ]*(\^|\*\*)|\d\d")
 # Units in nearly every scenario. The values equal those of pint, whose import takes 0.2 s.
@@ -107,18 +117,34 @@ def conversion(written: str, unit: str) -> tuple[float, float]:
     Known are pint's units, also with the exponents of UDUNITS ("m s-1", "kg m-3"). Raises ValueError if `written` is no
     unit or of another kind.
     """
-    text = FILE_UNITS.get(written.strip().lower(), written.strip())
+    text = _file_unit(written.strip())
     if text == unit:
         return 1.0, 0.0
-    text = _EXPONENT.sub(r"\1^\2", text)
+    words = _WORD.findall(text)
     try:
-        if not text or len(text) > LONGEST_UNIT or _TOWER.search(text):
+        known = _SHARE if unit == "ppm" else _UNIT_WORD
+        if (
+            not words
+            or not all(map(known.fullmatch, words))
+            or len(text) > LONGEST_UNIT
+            or _TOWER.search(text)
+        ):
             raise ValueError
         first, second = (_registry().Quantity(value, text).to(unit).magnitude for value in (1.0, 2.0))
     except Exception:  # pint raises a dozen kinds of errors
         raise ValueError(f"'{written}' is no unit that converts to {unit}") from None
     factor = as_written(float(second) - float(first))
-    return factor, as_written(float(first) - factor)
+    offset = as_written(float(first) - factor)
+    return factor, offset if abs(offset) > 1e-9 * abs(factor) else 0.0
+
+
+def _file_unit(written: str) -> str:
+    """Return a unit of a file in pint's words: known spellings, capitals ("MM", "PPM") and exponents of UDUNITS."""
+    plain = " ".join(written.replace("·", " ").replace("⋅", " ").split())
+    text = FILE_UNITS.get(plain.lower(), plain)
+    if not all(map(_UNIT_WORD.fullmatch, _WORD.findall(text))):
+        text = FILE_UNITS.get(plain.lower(), plain.lower().replace("ppmv", "ppm"))
+    return _EXPONENT.sub(r"\1^\2", text)
 
 
 def as_written(value: float) -> float:
