@@ -1,13 +1,15 @@
 """Tables whose header names the columns: names, units, decimal mark, times and missing values as the file states them.
 
-The header is the line above the numbers that names the needed columns: the first line, a comment, or a line below a
-preamble (COMSOL's "%", CFD-Post's "[Data]"). Units stand behind the names, "X (mm)" or "u [ m s^-1 ]", or apart, as
-COMSOL's "Length unit: mm". Numbers may have decimal commas where another mark separates them; times may be ISO 8601.
+The header is a line above the numbers that names the needed columns, and has as many cells as a row: the first line, a
+comment, or a line below a preamble (COMSOL's "%", CFD-Post's "[Data]"). Units stand behind the names, "X (mm)" or
+"u [ m s^-1 ]", in a line of their own beside the header, or apart, as COMSOL's "Length unit: mm". Numbers may have
+decimal commas where another mark separates them; times may be ISO 8601.
 """
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -17,27 +19,32 @@ from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, l
 from taichi_plume.scenario.quantities import conversion
 
 LONGEST_PREAMBLE = 200  # lines
-MARKS = (",", ";", "\t", None)  # between cells; None: blanks
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf)"
+MARKS = ("\t", ";", ",", None)  # between cells, in order of preference; None: blanks
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?|[-+]?(?:nan|inf)"
 IS_NUMBER = re.compile(NUMBER, re.IGNORECASE)
 IS_COMMA_NUMBER = re.compile(NUMBER.replace(r"\.", ","), re.IGNORECASE)
-IS_TIME = re.compile(r"(\d{4}-\d\d?-\d\d?([T ].*)?)|(\d{1,2}:\d\d(:\d\d([.,]\d+)?)?)")
+IS_TIME = re.compile(r"\d{4}-\d\d?-\d\d?([T ].*)?|\d{1,2}:\d\d:\d\d([.,]\d+)?")
 LENGTH_UNIT = re.compile(r"length unit\W+(\w+)", re.IGNORECASE)
-SECTION = re.compile(r"\s*\[[^\]]*\]\s*")  # of CFD-Post
+SECTION = re.compile(r"\s*\[([^\]]*)\]\s*")  # of CFD-Post
 APART = re.compile(r"\s+(?=[\[(][^\])]*[\])])")  # between a name and its unit
+AT_A_TIME = re.compile(r"\s*@.*$")  # COMSOL: u (m/s) @ t=0.5
+AT_LEAST = 2  # numbers in a row
 
 
 @dataclass(frozen=True)
 class Column:
     """Column that a reader accepts: names in lower case, preferred ones first; unit: of its values.
 
-    unit is "" for plain numbers. is_text: whether its cells are texts; is_needed: whether a table needs the column.
+    pattern: of further names. unit is "" for plain numbers. is_text: whether its cells are texts; is_needed: whether a
+    table needs the column; may_lack: whether the numbers that the user names as missing may stand in the column.
     """
 
     names: tuple[str, ...]
     unit: str = ""
     is_text: bool = False
     is_needed: bool = True
+    may_lack: bool = False
+    pattern: str = ""
 
 
 class Picked(NamedTuple):
@@ -52,8 +59,7 @@ class Picked(NamedTuple):
 class NamedTable:
     """Columns of a table by the reader's keys, in the reader's units; missing numbers are NaN.
 
-    picked: where each column stands; remarks: what was assumed; names: of all columns; length_unit: of lengths without
-    a unit behind their name.
+    picked: where each column stands, with its unit; remarks: what was assumed; names: of all columns.
     """
 
     values: dict[str, np.ndarray]
@@ -61,12 +67,9 @@ class NamedTable:
     remarks: tuple[str, ...]
     table: Table
     names: list[str]
-    length_unit: str = ""
-    accepted: Mapping[str, Column] = field(default_factory=dict)
 
-    def unit_of(self, key: str) -> str:
-        """Return the unit that the file states for a column, "" if none."""
-        return self.picked[key].unit or (self.length_unit if self.accepted[key].unit == "m" else "")
+
+# ---------------------------------------------------------------- columns of a header
 
 
 def pick(
@@ -77,27 +80,44 @@ def pick(
     given: header cells that the user names for some keys, with or without a unit, or numbers of columns from 1 on.
     Raises ConventionError if a named column is missing, or several columns have one name or an unknown unit.
     """
-    whole = [" ".join(name.strip("'\"\ufeff ").split()).lower() for name in names]
-    split = [split_unit(name) for name in names]
+    plain = [AT_A_TIME.sub("", name) for name in names]
+    whole = [" ".join(name.strip("'\"\ufeff ").split()).lower() for name in plain]
+    split = [split_unit(name) for name in plain]
     picked = {}
     for key, column in accepted.items():
         if given and key in given:
             picked[key] = _named(key, given[key], names, whole, split, column)
-            continue
-        for form in column.names:
-            here = [n for n, name in enumerate(whole) if name == form]
-            stated = [n for n, (name, _) in enumerate(split) if name == form and n not in here]
-            if len(here) + len(stated) > 1:
-                raise ConventionError(f"has several columns '{form}'; remove or rename all but one")
-            if here or stated:
-                n = (here or stated)[0]
-                unit = (
-                    split[n][1] if stated or _is_unit(split[n][1], column) else ""
-                )  # reading_ppm is a name of ours
-                picked[key] = Picked(n, names[n], unit)
-                _require_unit(picked[key], column)
-                break
+        elif (n := _index_of(column, whole, split)) is not None:
+            picked[key] = _with_unit(n, names, split, column, is_whole=_is_name(whole[n], column))
     return picked
+
+
+def _index_of(column: Column, whole: list[str], split: list[tuple[str, str]]) -> int | None:
+    """Return the index of a column in a header; None if it lacks. Raises ConventionError if several have its name."""
+    for form in (*map(re.escape, column.names), *filter(None, [column.pattern])):
+        matches = re.compile(form).fullmatch
+        here = [n for n, name in enumerate(whole) if matches(name) or matches(split[n][0])]
+        if len(here) > 1:
+            raise ConventionError(f"has several columns '{split[here[0]][0]}'; remove or rename all but one")
+        if here:
+            return here[0]
+    return None
+
+
+def _is_name(text: str, column: Column) -> bool:
+    return text in column.names or bool(column.pattern and re.fullmatch(column.pattern, text))
+
+
+def _with_unit(
+    n: int, names: Sequence[str], split: list[tuple[str, str]], column: Column, is_whole: bool
+) -> Picked:
+    """Return column n with the unit in its cell; is_whole: whether the cell is all name. Raises ConventionError."""
+    unit = split[n][1]
+    if is_whole and not _is_unit(unit, column):  # such as velocity[i]
+        unit = ""
+    if unit and column.unit and not _is_unit(unit, column):
+        raise ConventionError(f"{names[n]}: '{unit}' is no unit that converts to {column.unit}")
+    return Picked(n, names[n], unit if column.unit else "")
 
 
 def _named(
@@ -117,14 +137,17 @@ def _named(
             if len(here) > 1:
                 raise ConventionError(f"has several columns '{given}'; remove or rename all but one")
             if here:
-                n = here[0]
-                stated = split[n][1] if _is_unit(split[n][1], column) else ""
-                found = Picked(n, names[n], unit_given or stated)
-                _require_unit(found, column)
-                return found
-    if name.isdigit() and 1 <= int(name) <= len(names):
-        return Picked(int(name) - 1, f"column {name}", unit)
+                stated = split[here[0]][1] if _is_unit(split[here[0]][1], column) else ""
+                return _stated(here[0], names, unit_given or stated, column)
+    if name.isdigit() and 1 <= int(name) <= len(names) and not any(each.isdigit() for each in whole):
+        return _stated(int(name) - 1, names, unit, column)
     raise ConventionError(f"has no column '{given}' for {key}; it has {listed(names)}")
+
+
+def _stated(n: int, names: Sequence[str], unit: str, column: Column) -> Picked:
+    if unit and column.unit and not _is_unit(unit, column):
+        raise ConventionError(f"{names[n]}: '{unit}' is no unit that converts to {column.unit}")
+    return Picked(n, names[n], unit)
 
 
 def _is_unit(unit: str, column: Column) -> bool:
@@ -135,16 +158,26 @@ def _is_unit(unit: str, column: Column) -> bool:
     return True
 
 
-def _require_unit(picked: Picked, column: Column) -> None:
-    if picked.unit and column.unit and not _is_unit(picked.unit, column):
-        raise ConventionError(f"{picked.name}: '{picked.unit}' is no unit that converts to {column.unit}")
+def cleared(
+    values: np.ndarray, picked: Picked, column: Column, missing: Sequence[float]
+) -> tuple[np.ndarray, list[str]]:
+    """Return a column's numbers in the unit of the reader, NaN where missing, and remarks. Raises ConventionError."""
+    remarks = []
+    if column.unit:
+        none = is_missing(values, missing if column.may_lack else ())
+        stated = none & np.isfinite(values)
+        if stated.any():
+            which = ", ".join(f"{value:g}" for value in np.unique(values[stated]))
+            of = f"{stated.sum()} of {len(values)} values of {picked.name}"
+            remarks.append(f"{of} are {which}, which counts as missing")
+        values = np.where(none, np.nan, values)
+    converted = (
+        times_of(values, picked.unit) if column.unit == "s" else in_si(values, picked.unit, column.unit)
+    )
+    return converted, remarks
 
 
-def convert(values: np.ndarray, picked: Picked, column: Column, length_unit: str = "") -> np.ndarray:
-    """Return a column's numbers in the unit of the reader. Raises ConventionError."""
-    if column.unit == "s":
-        return times_of(values, picked.unit)
-    return in_si(values, picked.unit or (length_unit if column.unit == "m" else ""), column.unit)
+# ---------------------------------------------------------------- text files
 
 
 def read_columns(
@@ -160,85 +193,170 @@ def read_columns(
     given: see `pick`. missing: numbers that mean none, besides the usual ones. without_header: keys of the columns of a
     file without a header, if it has as many. gaps: whether cells may be empty. Raises the file's error.
     """
-    first, mark = _first_row(file)
+    first, mark, picked, names = _layout(file, accepted, given, without_header)
+    rows, end = _rows(file, first, names)
+    width = max(len(names), 1 + max(column.index for column in picked.values()))
+    if rows:
+        cells = len(cells_of(file.lines[rows[0]], mark))
+        width = cells if mark is None or not any(names[cells:]) else max(width, cells)
+    table = Table(file, rows, width, mark, gaps=gaps, decimal=_decimal(file.lines, rows, mark))
+    length = LENGTH_UNIT.search("\n".join(file.lines[:first]))
+    if length:
+        lengths = [key for key, column in picked.items() if accepted[key].unit == "m" and not column.unit]
+        picked |= {key: picked[key]._replace(unit=length[1]) for key in lengths}
     try:
-        picked, all_names = _header(file, first, mark, accepted, given, without_header)
+        values, remarks = _values(table, accepted, picked, missing)
     except ConventionError as error:
         raise file.fault(f"{file.path}: {error}") from None
-    lines = file.lines
-    end = next((n for n in range(first, len(lines)) if SECTION.fullmatch(lines[n])), len(lines))
-    rows = [n for n in file.rows(first) if n < end]
-    width = max(len(all_names), 1 + max(column.index for column in picked.values()))
-    if rows:
-        width = max(width if mark else 0, len(cells_of(lines[rows[0]], mark)))  # some headers end with a mark
-    table = Table(file, rows, width, mark, gaps=gaps, decimal=_decimal(lines, rows, mark))
-    preamble = "\n".join(lines[:first])
-    length = LENGTH_UNIT.search(preamble)
-    unit = length[1] if length else ""
-    values, remarks = _values(table, accepted, picked, unit, missing)
-    return NamedTable(values, picked, (*file.remarks, *remarks), table, all_names, unit, accepted)
+    return NamedTable(values, picked, (*file.remarks, *end, *remarks), table, names)
 
 
-def _values(
-    table: Table,
-    accepted: Mapping[str, Column],
-    picked: Mapping[str, Picked],
-    length: str,
-    missing: Sequence[float],
-) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return the values by key, and remarks on missing ones; length: unit of lengths without a unit."""
-    path, fault = table.file.path, table.file.fault
-    dated = [
-        key for key, column in picked.items() if accepted[key].unit == "s" and _has_dates(table, column.index)
-    ]
-    keys = [key for key in picked if not accepted[key].is_text and key not in dated]
-    numbers = table.numbers(*(picked[key].index for key in keys)) if keys else np.empty((len(table), 0))
-    values, remarks = {}, []
-    for key, column in zip(keys, numbers.T, strict=True):
-        none = is_missing(column, missing) & np.isfinite(column)
-        if none.any():
-            which = ", ".join(f"{value:g}" for value in np.unique(column[none]))
-            remarks.append(
-                f"{none.sum()} of {len(column)} {picked[key].name} are {which}, which counts as missing"
-            )
+def _layout(
+    file: TextFile, accepted: Mapping[str, Column], given: Mapping[str, str] | None, without: Sequence[str]
+) -> tuple[int, str | None, dict[str, Picked], list[str]]:
+    """Return the first row, the mark between cells, the picked columns and all names. Raises the file's error."""
+    error: ConventionError | None = None
+    rows = file.rows(0)[:LONGEST_PREAMBLE]
+    cells = {n: _mark(file.lines[n]) for n in rows}
+    for before, n in pairwise([-1, *rows]):
+        if cells[n][1] < AT_LEAST or (before >= 0 and cells[before] == cells[n]):
+            continue
         try:
-            values[key] = convert(np.where(none, np.nan, column), picked[key], accepted[key], length)
-        except ConventionError as error:
-            raise fault(f"{path}: {picked[key].name}: {error}") from None
-    for key, column in picked.items():
-        if accepted[key].is_text:
-            values[key] = table.texts(column.index)
-    for key in dated:
-        values[key] = iso_times(list(table.texts(picked[key].index)))
-        wrong = np.flatnonzero(np.isnan(values[key]))
-        if len(wrong):
-            raise table.wrong(int(wrong[0]), "its time is no date such as 2026-01-01T10:00:00.5")
-    return values, remarks
+            return n, cells[n][0], *_header(file, n, cells[n][0], accepted, given, without)
+        except ConventionError as fault:
+            error = error or fault
+    if error is None:  # no row of numbers
+        first = (rows or [0])[0] + 1
+        try:
+            mark = delimiter_of(file.lines[first - 1])
+            return first, mark, *_header(file, first, mark, accepted, given, ())
+        except ConventionError as fault:
+            error = fault
+    raise file.fault(f"{file.path}: {error}")
 
 
-def _has_dates(table: Table, column: int) -> bool:
-    return len(table) > 0 and bool(
-        IS_TIME.fullmatch(cells_of(table.file.lines[table.rows[0]], table.delimiter)[column])
-    )
+def _mark(line: str) -> tuple[str | None, int]:
+    """Return the mark between the cells of a row, by which most cells are numbers, and the number of these."""
+    best: tuple[float, str | None, int] = (0.0, None, 0)
+    for mark in MARKS:
+        cells = cells_of(line, mark)
+        forms = (IS_NUMBER, IS_TIME) if mark == "," else (IS_NUMBER, IS_TIME, IS_COMMA_NUMBER)
+        count = sum(any(form.fullmatch(cell) for form in forms) for cell in cells)
+        share = count / max(1, sum(map(bool, cells)))
+        if count >= AT_LEAST and share >= (0.25 if mark else 0.66) and share > best[0]:
+            best = share, mark, count
+    return best[1:]
 
 
-def _first_row(file: TextFile) -> tuple[int, str | None]:
-    """Return the index of the first line of numbers, and the mark between its cells; else the line after the header."""
-    for n in file.rows(0)[:LONGEST_PREAMBLE]:
-        numeric = {mark: _numeric(file.lines[n], mark) for mark in MARKS}
-        mark = max(numeric, key=lambda mark: numeric[mark])
-        if numeric[mark] >= 2:
-            return n, mark
-    first = (file.rows(0) or [0])[0]
-    return first + 1, delimiter_of(file.lines[first])
+def _header(
+    file: TextFile,
+    first: int,
+    mark: str | None,
+    accepted: Mapping[str, Column],
+    given: Mapping[str, str] | None,
+    without: Sequence[str],
+) -> tuple[dict[str, Picked], list[str]]:
+    """Return the picked columns and all names of the header above line `first`. Raises ConventionError."""
+    needed = [key for key, column in accepted.items() if column.is_needed]
+    row = cells_of(file.lines[first], mark) if first < len(file.lines) else []
+    best: tuple[list[str], list[str]] | None = None
+    error: ConventionError | None = None
+    for n in reversed(range(max(0, first - LONGEST_PREAMBLE), first)):
+        for names in _splits(file.lines[n].strip().lstrip("#% "), mark, len(row)):
+            if not any(names):
+                continue
+            try:
+                picked = pick(names, accepted, given)
+            except ConventionError as fault:
+                error = error or fault
+                continue
+            lacks = [key for key in needed if key not in picked]
+            if best is None or len(lacks) < len(best[0]):
+                best = lacks, names
+            if lacks:
+                continue
+            if _fits(names, row, mark):
+                beside = [file.lines[k] for k in (n + 1, n - 1) if k != first and 0 <= k < len(file.lines)]
+                return _with_units(picked, accepted, beside, mark, len(names)), names
+            error = ConventionError(
+                f"its header names {len(names)} columns ({listed(names)}), its rows have {len(row)}; give columns"
+            )
+    numbers = [f"column {n + 1}" for n in range(len(row))]
+    if (
+        given
+        and not set(needed) - set(given)
+        and all(split_unit(text)[0].isdigit() for text in given.values())
+    ):
+        return pick(numbers, {key: accepted[key] for key in given}, given), numbers
+    if without and len(without) == len(row) and best is None:
+        return {key: Picked(n, key, "") for n, key in enumerate(without)}, list(without)
+    if error is not None:
+        raise error
+    lacks, names = best or (needed, [])
+    has = f"it has {listed(names)}" if names else "no line above its numbers names the columns"
+    raise ConventionError(f"has no column {', '.join(lacks or needed)}; {has}")
 
 
-def _numeric(line: str, mark: str | None) -> int:
-    """Return the number of cells of a line that are numbers, 0 if under a quarter are; between blanks, two thirds."""
-    cells = cells_of(line, mark)
-    forms = (IS_NUMBER, IS_TIME) if mark == "," else (IS_NUMBER, IS_TIME, IS_COMMA_NUMBER)
-    count = sum(any(form.fullmatch(cell) for form in forms) for cell in cells)
-    return count if count >= (0.25 if mark else 0.66) * len(cells) else 0
+def _splits(text: str, mark: str | None, width: int) -> list[list[str]]:
+    """Return the ways to split a header into names: by the mark of the rows, or others that give a name per cell."""
+    ways = [cells_of(APART.sub("", text) if mark is None else text, mark)]
+    others = [[part.strip() for part in re.split(r"\s{2,}|\t", text)], cells_of(APART.sub("", text), None)]
+    own = delimiter_of(text)
+    others += [cells_of(text, own)] if own else []
+    return [ways[0], *(names for names in others if len(names) == width or not width)]
+
+
+def _fits(names: Sequence[str], cells: Sequence[str], mark: str | None) -> bool:
+    """Return whether a header has a name for each cell of a row; between blanks it has no further ones."""
+    filled = next((n for n in range(len(cells), 0, -1) if cells[n - 1]), 0)
+    return not cells or (len(names) == len(cells) if mark is None else filled <= len(names))
+
+
+def _with_units(
+    picked: dict[str, Picked],
+    accepted: Mapping[str, Column],
+    lines: Sequence[str],
+    mark: str | None,
+    width: int,
+) -> dict[str, Picked]:
+    """Return the columns with the units of a line beside the header, if one has a unit for each number."""
+    for line in lines:
+        text = line.strip().lstrip("#% ")
+        cells = [cell.strip("[](){} '\"") for cell in cells_of(text, mark)]
+        stated = {key: cells[column.index] for key, column in picked.items() if column.index < len(cells)}
+        of_numbers = {key: unit for key, unit in stated.items() if accepted[key].unit}
+        if (
+            len(cells) == width
+            and of_numbers
+            and all(_is_unit(u, accepted[k]) for k, u in of_numbers.items())
+        ):
+            return {key: c._replace(unit=c.unit or of_numbers.get(key, "")) for key, c in picked.items()}
+    return picked
+
+
+def _rows(file: TextFile, first: int, names: Sequence[str]) -> tuple[list[int], list[str]]:
+    """Return the lines of the table's rows, of all its sections, and remarks. Raises the file's error.
+
+    CFD-Post writes a section [Data] per plane, and others that are no rows.
+    """
+    lines, rows, remarks = file.lines, file.rows(first), []
+    marks = [n for n in rows if SECTION.fullmatch(lines[n])]
+    if not marks:
+        return rows, remarks
+    taken = [n for n in rows if n < marks[0]]
+    head, planes = next(n for n in reversed(file.rows(0)) if n < first), 1
+    for start, end in pairwise([*marks, len(lines)]):
+        match = SECTION.fullmatch(lines[start])
+        if match is None or match[1].strip().lower() != "data":
+            continue
+        inside = [n for n in rows if start < n < end]
+        if not inside or lines[inside[0]].split() != lines[head].split():
+            raise file.wrong(start + 1, "a second section [Data] has other columns; split the file")
+        taken += inside[1:]
+        planes += 1
+    if planes > 1:
+        remarks.append(f"{planes} sections [Data] are read as one table")
+    return taken, remarks
 
 
 def _decimal(lines: Sequence[str], rows: Sequence[int], mark: str | None) -> str:
@@ -253,48 +371,37 @@ def _decimal(lines: Sequence[str], rows: Sequence[int], mark: str | None) -> str
     return "."
 
 
-def _header(
-    file: TextFile,
-    first: int,
-    mark: str | None,
-    accepted: Mapping[str, Column],
-    given: Mapping[str, str] | None,
-    without: Sequence[str],
-) -> tuple[dict[str, Picked], list[str]]:
-    """Return the picked columns and all names of the header above line `first`. Raises ConventionError."""
-    needed = [key for key, column in accepted.items() if column.is_needed]
-    best: tuple[list[str], list[str]] | None = None
-    error: ConventionError | None = None
-    for line in reversed(file.lines[max(0, first - LONGEST_PREAMBLE) : first]):
-        text = line.strip().lstrip("#% ")
-        for between in dict.fromkeys((mark, delimiter_of(text))):
-            names = cells_of(APART.sub("", text) if between is None else text, between)
-            if not any(names):
-                continue
-            try:
-                picked = pick(names, accepted, given)
-            except ConventionError as fault:
-                error = error or fault
-                continue
-            lacks = [key for key in needed if key not in picked]
-            if not lacks:
-                return picked, names
-            if best is None or len(lacks) < len(best[0]):
-                best = lacks, names
-    width = len(cells_of(file.lines[first], mark)) if first < len(file.lines) else 0
-    if (
-        given
-        and all(text.partition(" ")[0].isdigit() for text in given.values())
-        and not set(needed) - set(given)
-    ):
-        names = [f"column {n + 1}" for n in range(width)]
-        return pick(names, {key: accepted[key] for key in given}, given), names
-    if without and len(without) == width and best is None and mark is None:
-        return {key: Picked(n, key, "") for n, key in enumerate(without)}, list(without)
-    if error is not None:
-        raise error
-    lacks, names = best or (needed, [])
-    raise ConventionError(
-        f"has no column {', '.join(lacks)}; "
-        + (f"it has {listed(names)}" if names else "no line above its numbers names the columns")
-    )
+def _values(
+    table: Table, accepted: Mapping[str, Column], picked: Mapping[str, Picked], missing: Sequence[float]
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return the values by key, and remarks on missing ones. Raises ConventionError, and the file's error."""
+    dated = [
+        key for key, column in picked.items() if accepted[key].unit == "s" and _has_dates(table, column.index)
+    ]
+    keys = [key for key in picked if not accepted[key].is_text and key not in dated]
+    numbers = table.numbers(*(picked[key].index for key in keys)) if keys else np.empty((len(table), 0))
+    values, remarks = {}, []
+    for key, column in zip(keys, numbers.T, strict=True):
+        values[key], more = cleared(column, picked[key], accepted[key], missing)
+        remarks += more
+    for key, column in picked.items():
+        if accepted[key].is_text:
+            values[key] = table.texts(column.index)
+    for key in dated:
+        texts = list(table.texts(picked[key].index))
+        if "date" in values and not re.match(r"\d{4}-", str(texts[0])):
+            texts = [f"{date}T{text}" for date, text in zip(values["date"], texts, strict=True)]
+        values[key] = iso_times(texts)
+        wrong = np.flatnonzero(np.isnan(values[key]))
+        if len(wrong):
+            raise table.wrong(
+                int(wrong[0]), "its time is no date such as 2026-01-01T10:00:00.5, nor 10:00:00.5"
+            )
+    return values, remarks
+
+
+def _has_dates(table: Table, column: int) -> bool:
+    if not len(table):
+        return False
+    cells = cells_of(table.file.lines[table.rows[0]], table.delimiter)
+    return column < len(cells) and not IS_NUMBER.fullmatch(cells[column]) and ":" in cells[column]

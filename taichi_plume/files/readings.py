@@ -6,7 +6,7 @@ names of columns count, see `named_columns`. Positions and wind of a run are tho
 the run made its maps. Robots of a bag (see `bag_readings`) are groups.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -15,8 +15,8 @@ import numpy as np
 
 from taichi_plume.files import bag_readings, bags, manifest
 from taichi_plume.files.bag_readings import BagOptions
-from taichi_plume.files.conventions import ConventionError, FileFacts, is_missing, span, when
-from taichi_plume.files.named_columns import Column, Picked, convert, pick, read_columns
+from taichi_plume.files.conventions import ConventionError, FileFacts, iso_times, span, when
+from taichi_plume.files.named_columns import Column, Picked, cleared, pick, read_columns
 from taichi_plume.files.tables import TextFile, listed, plain
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import unopenable
@@ -27,17 +27,20 @@ if TYPE_CHECKING:
     import pyarrow
 
 COLUMNS = {
-    "t": Column(("t", "time", "timestamp"), "s"),
+    "date": Column(("date",), is_text=True, is_needed=False),
+    "t": Column(("t", "time", "timestamp", "datetime", "date_time"), "s"),
     "x": Column(("believed_x", "x"), "m"),
     "y": Column(("believed_y", "y"), "m"),
-    "reading": Column(("reading_ppm", "reading", "concentration"), "ppm"),
-    "wind_x": Column(("wind_x",), "m/s", is_needed=False),
-    "wind_y": Column(("wind_y",), "m/s", is_needed=False),
+    "reading": Column(("reading_ppm", "reading", "concentration"), "ppm", may_lack=True),
+    "wind_x": Column(("wind_x",), "m/s", is_needed=False, may_lack=True),
+    "wind_y": Column(("wind_y",), "m/s", is_needed=False, may_lack=True),
     "trial": Column(("trial",), is_needed=False),
     "group": Column(("group",), is_text=True, is_needed=False),
     "robot": Column(("robot",), is_text=True, is_needed=False),
 }
 TEXTS = ("group", "robot")
+OVERFLOWS = (999.0, 9999.0, 32767.0, 65535.0)  # readings that often mean none
+MOST_NEGATIVE = 0.2  # of the largest reading: more is no noise
 MOST_ROWS = 10_000_000
 MOST = {"t": 1e10, "x": 1e8, "y": 1e8, "reading": 1e9, "wind_x": 1e4, "wind_y": 1e4}
 """Largest absolute values; larger values are mistakes: a Unix time is 2e9 s, pure vapour 1e6 ppm."""
@@ -104,9 +107,9 @@ def read(
     if is_bag:
         read_in = _bag(path, options)
     elif not isinstance(source, str | Path):
-        read_in = _data_frame(path, source, given)
+        read_in = _data_frame(path, source, given, missing)
     elif path.suffix.lower() == ".parquet":
-        read_in = _parquet(path, given)
+        read_in = _parquet(path, given, missing)
     else:
         read_in = _csv(path, given, missing)
     known, names = read_in.known, read_in.names
@@ -132,25 +135,28 @@ def read(
     row = row[np.argsort(known["t"][row], kind="stable")]
     still = np.zeros(len(chosen))
     wind = np.column_stack([known.get("wind_x", still), known.get("wind_y", still)])[row]
-    none = is_missing(known["reading"], missing)
-    remarks = read_in.remarks
-    if not np.array_equal(none, ~np.isfinite(known["reading"])):
-        count = int((none & np.isfinite(known["reading"])).sum())
-        which = ", ".join(
-            f"{value:g}" for value in np.unique(known["reading"][none & np.isfinite(known["reading"])])
-        )
-        remarks += (f"{count} of {len(none)} readings are {which}, which counts as missing",)
     readings = Readings(
         known["t"][row],
         np.column_stack([known["x"], known["y"]])[row],
-        np.where(none, np.nan, known["reading"])[row],
-        np.nan_to_num(np.where(is_missing(wind, missing), np.nan, wind)),
+        np.where(np.isfinite(known["reading"]), known["reading"], np.nan)[row],
+        np.nan_to_num(wind, posinf=0.0, neginf=0.0),
         row + 1,
         read_in.topics,
         file,
         _robots([known[key][row] for key in TEXTS if key in known]),
     )
-    return replace(readings, facts=FileFacts(_facts(readings, read_in.units), remarks))
+    facts = FileFacts(_facts(readings, read_in.units), (*read_in.remarks, *_doubts(readings)))
+    return replace(readings, facts=facts)
+
+
+def _doubts(readings: Readings) -> Iterator[str]:
+    """Yield remarks on readings that may mean none, though they count."""
+    known = readings.reading[np.isfinite(readings.reading)]
+    most = known.max(initial=0.0)
+    if known.min(initial=0.0) < -MOST_NEGATIVE * most:
+        yield f"readings go down to {known.min():g} ppm; if that means none, name it as missing"
+    if most in OVERFLOWS:
+        yield f"{(known == most).sum()} readings are {most:g} ppm; if that means none, name it as missing"
 
 
 def _facts(readings: Readings, units: str) -> str:
@@ -216,8 +222,8 @@ def _assumed(picked: Mapping[str, Picked]) -> str:
     return f"assumed: {units}" if units else ""
 
 
-def _parquet(path: Path, given: Mapping[str, str]) -> Columns:
-    """Return a Parquet file's columns of readings. given: see `read`.
+def _parquet(path: Path, given: Mapping[str, str], missing: Sequence[float]) -> Columns:
+    """Return a Parquet file's columns of readings. given, missing: see `read`.
 
     Pages have checksums; the metadata have none, so the table of a run is compared with the manifest beside it.
     """
@@ -234,21 +240,25 @@ def _parquet(path: Path, given: Mapping[str, str]) -> Columns:
             picked = _picked(path, file.schema_arrow.names, given)
             if file.metadata.num_rows > MOST_ROWS:  # a page of equal values takes a few bytes
                 raise ReadingsError(f"{path}: has {file.metadata.num_rows:,} rows; at most {MOST_ROWS:,}")
-            table = file.read(columns=[column.name for column in picked.values()], use_threads=False)
+            names = [column.name for column in picked.values()]
+            table = file.read(columns=names, use_threads=False).select(names)
     except ReadingsError:
         raise
     except (pa.ArrowException, OSError, ValueError, KeyError) as error:  # the last two: of names and types
         raise ReadingsError(f"{path}: cannot be read: {plain(str(error))}") from None
-    return _columns(path, table, picked)
+    return _columns(path, table, picked, missing)
 
 
-def _data_frame(path: Path, frame: object, given: Mapping[str, str]) -> Columns:
+def _data_frame(path: Path, frame: object, given: Mapping[str, str], missing: Sequence[float]) -> Columns:
     """Return the columns of readings of a pandas table like `_parquet`. path: name of the table in messages."""
     import pandas
     import pyarrow as pa
 
     if not isinstance(frame, pandas.DataFrame):
         raise ReadingsError(f"readings: got {shown(frame)}; give a file, a run or a pandas.DataFrame")
+    is_timed = isinstance(frame.index, pandas.DatetimeIndex | pandas.TimedeltaIndex)
+    if is_timed and "t" not in given and not {*COLUMNS["t"].names} & {*map(str, frame.columns)}:
+        frame = frame.reset_index(names="t")
     names = [str(name) for name in frame.columns]
     picked = _picked(path, names, given)
     try:
@@ -257,25 +267,35 @@ def _data_frame(path: Path, frame: object, given: Mapping[str, str]) -> Columns:
         table = pa.Table.from_pandas(taken, preserve_index=False)
     except (pa.ArrowException, ValueError, TypeError, KeyError) as error:
         raise ReadingsError(f"{path}: cannot be read: {plain(str(error))}") from None
-    return _columns(path, table, picked)
+    return _columns(path, table, picked, missing)
 
 
-def _columns(path: Path, table: "pyarrow.Table", picked: Mapping[str, Picked]) -> Columns:
+def _columns(
+    path: Path, table: "pyarrow.Table", picked: Mapping[str, Picked], missing: Sequence[float]
+) -> Columns:
     """Return the columns of a pyarrow table by key: names as texts, dates as Unix times, all others as numbers."""
     import pyarrow as pa
 
-    known = {}
-    for key, column in picked.items():
-        values, kind = table[column.name], table[column.name].type
+    known, remarks = {}, []
+    for n, (key, column) in enumerate(picked.items()):
+        values, kind = table.column(n), table.column(n).type
         try:
-            if key == "t" and pa.types.is_timestamp(kind):
-                known[key] = 1e-9 * values.cast(pa.timestamp("ns", kind.tz)).cast("int64").to_numpy()
+            if key == "t" and (pa.types.is_timestamp(kind) or pa.types.is_duration(kind)):
+                whole = pa.timestamp("ns", kind.tz) if pa.types.is_timestamp(kind) else pa.duration("ns")
+                known[key] = 1e-9 * values.cast(whole).cast("int64").to_numpy()
                 continue
-            numbers = values.cast("string" if key in TEXTS else "float64", safe=False).to_numpy()
+            if key == "t" and (pa.types.is_string(kind) or pa.types.is_large_string(kind)):
+                known[key] = iso_times(values.to_pylist())
+                continue
+            if COLUMNS[key].is_text:
+                known[key] = values.cast("string").to_numpy()
+                continue
+            numbers = values.cast("float64", safe=False).to_numpy()
+            known[key], more = cleared(numbers, column, COLUMNS[key], missing)
         except (pa.ArrowException, ValueError):
             raise ReadingsError(f"{path}: {column.name} must be numbers, not {plain(str(kind))}") from None
-        known[key] = numbers if key in TEXTS else convert(numbers, column, COLUMNS[key])
-    return Columns(known, _names(picked), (), (), _assumed(picked))
+        remarks += more
+    return Columns(known, _names(picked), tuple(remarks), (), _assumed(picked))
 
 
 def _picked(path: Path, names: list[str], given: Mapping[str, str]) -> dict[str, Picked]:

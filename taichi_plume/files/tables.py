@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 from taichi_plume.files import manifest
 from taichi_plume.guard.safe_open import content_of
 
+NONE = ("-", "--", "None", "none", "undef", "undefined")  # in cells without a value, besides Arrow's
+FORTRAN = re.compile(r"(?<=\d)[dD](?=[-+]\d)|(?<=\d\.)[dD](?=[-+]\d)")  # 1.0D+00
 LARGEST_FILE = 1 << 29  # bytes
 UTF16 = (b"\xff\xfe", b"\xfe\xff")  # byte order marks
 CONTROL = re.compile("[\0-\x08\x0e-\x1f\x7f]")  # no text has them
@@ -97,11 +99,10 @@ class Table:
         convert = pa.csv.ConvertOptions(strings_can_be_null=self.gaps, decimal_point=self.decimal)
         convert.include_columns = [names[n] for n in columns]
         convert.column_types = dict.fromkeys(convert.include_columns, pa.type_for_alias(kind))
-        if not self.gaps:
-            convert.null_values = []
+        convert.null_values = [*convert.null_values, *NONE] if self.gaps else []
         try:
             table = pa.csv.read_csv(
-                pa.BufferReader("\n".join([*lines, ""]).encode()),
+                pa.BufferReader(FORTRAN.sub("e", "\n".join([*lines, ""])).encode()),
                 pa.csv.ReadOptions(column_names=names, use_threads=False),  # with threads errors name no row
                 pa.csv.ParseOptions(delimiter=delimiter, ignore_empty_lines=False),
                 convert,

@@ -33,12 +33,19 @@ if TYPE_CHECKING:  # brings SciPy's optimisers
 
 PLACES = ("points:{n}", "points_{n}", "points_{a}", "{a}", "coordinates:{n}", "coordinates_{n}", "coordinates_{a}",
           "c{a}", "c:{n}", "c_{n}", "{a}-coordinate", "{a} coordinate", "{a}_coordinate", "centroid[{a}]",
-          "position[{a}]", "pos_{a}")  # fmt: skip
+          "position[{a}]", "pos_{a}", "position_{a}")  # fmt: skip
 SPEEDS = ("u:{n}", "u_{n}", "u{a}", "u_{a}", "{u}", "velocity:{n}", "velocity_{n}", "velocity_{a}", "velocity_{u}",
           "velocity[{i}]", "velocity[{a}]", "velocity {u}", "velocity {a}", "velocity.{u}", "{a}-velocity",
           "{a} velocity", "{a}_velocity", "v{a}", "umean:{n}", "umean_{n}", "umean_{a}",
           "velocity field, {a}-component", "velocity field, {a} component")  # fmt: skip
+PLACE = r"cell ?cent(er|re)s[:_ ]?({n}|{a})"
+SPEED = (  # spf.u of COMSOL, Mean of Velocity[i] of STAR-CCM+, Velocity.Trnavg u of CFD-Post, U:X
+    r"(?!.*(rms|std|var|prime|fluct|vort|grad))"
+    r"(\w+\.{u}|(u|(mean of )?velocity(\.trnavg| in [\w ]+)?)[:_ ]?[\[( :_]({n}|{a}|{i}|{u})[\])]?)"
+)
 EDDIES = ("nut",)
+MOST_REPEATED = 0.75  # share of different positions in a table of one time
+GADEN = "wind_at_cell_centers"
 FARTHEST = 1e8  # m: room for coordinates of the Earth
 FASTEST = 340.0  # m/s: a larger value usually means "no value"
 MOST_NUMBER = 1e12  # in names of files: seconds, or a counter
@@ -128,25 +135,35 @@ def read(path: Path, given: Mapping[str, str] | None = None, missing: Sequence[f
     file = TextFile(path, WindFileError)
     named = read_columns(file, COLUMNS, given, missing, "xyzuvw", gaps=True)
     values, table = named.values, named.table
-    flat = not {"z", "w"} & values.keys()
-    axes, speeds = ("xy", "uv") if flat else ("xyz", "uvw")
+    _require_one_time(path, values)
+    if "w" not in values and "z" in values and np.ptp(values["z"]) == 0.0:  # a plane of a 2-D flow
+        del values["z"]
+    axes, speeds = ("xyz", "uvw") if "z" in values else ("xy", "uv")
     lacks = [key for key in (*axes, *speeds) if key not in values]
     if lacks:
         raise WindFileError(f"{path}: has no column {', '.join(lacks)}; it has one for {', '.join(values)}")
     place, velocity = (np.stack([values[key] for key in keys], axis=-1) for keys in (axes, speeds))
     table.refuse(~np.isfinite(place).all(axis=1), lambda _: "its position is no finite number")
-    known = np.asarray(np.isfinite(velocity).all(axis=1))
+    known = np.asarray(np.isfinite(velocity).all(axis=1) & (values.get("valid", np.ones(len(place))) != 0))
     far, speed = np.abs(place).max(axis=1, initial=0.0), np.abs(velocity).max(axis=1, initial=0.0)
     table.refuse(far > FARTHEST, lambda row: f"{far[row]:.3g} m is too far; at most {FARTHEST:g} m")
     table.refuse(speed >= FASTEST, lambda row: f"{speed[row]:.3g} m/s is too fast; leave the point out")
-    if known.sum() < 2 ** len(axes):
+    if known.sum() < 2 ** np.count_nonzero((place != place[:1]).any(axis=0)) or not known.any():
         raise WindFileError(f"{path}: has {known.sum()} points with a velocity, too few")
     remarks = named.remarks
+    if (
+        named.names == [*"xyzuvw"]
+        and named.picked["x"].name == "x"
+        and not re.search("[a-z]", file.lines[0].lower())
+    ):
+        remarks += ("has no header; its columns are taken as x, y, z, u, v, w",)
     if not known.all():
         remarks += (f"{len(known) - known.sum()} of {len(known)} points have no velocity, and are left out",)
     eddies = np.maximum(np.nan_to_num(values["nut"][known]), 0.0) if "nut" in values else None
     left_out = int(len(known) - known.sum())
-    silent = sorted({COLUMNS[key].unit for key, column in named.picked.items() if not named.unit_of(key)})
+    silent = sorted(
+        {COLUMNS[key].unit for key, column in named.picked.items() if not column.unit} - {"", "s"}
+    )
     stand = _stand(path, named.names)
     return Points(
         path,
@@ -160,20 +177,45 @@ def read(path: Path, given: Mapping[str, str] | None = None, missing: Sequence[f
     )
 
 
+def _require_one_time(path: Path, values: Mapping[str, np.ndarray]) -> None:
+    """Raise WindFileError if a table holds several times: each is a file of its own."""
+    times = np.unique(values.get("time", np.zeros(1)))
+    if len(times) > 1:
+        raise WindFileError(
+            f"{path}: holds {len(times)} times, {times[0]:g} to {times[-1]:g} s; write a file for each"
+        )
+    place = np.stack([values[axis] for axis in "xyz" if axis in values], axis=-1)
+    if len(place) and len(np.unique(place, axis=0)) <= MOST_REPEATED * len(place):
+        raise WindFileError(f"{path}: its positions repeat, as of several times; write a file for each time")
+
+
 def _stand(path: Path, names: Sequence[str]) -> "Stand | None":
-    """Return whether points are nodes or centres of cells by the header, or by a name as GADEN's; None if unknown."""
-    text = " ".join([*names, path.name]).lower()
-    nodes, cells = (
-        ("node" in text or "vertex" in text),
-        re.search(r"cell[ _]?(number|id|cent)", text) is not None,
+    """Return whether points are nodes or centres of cells by the header, or by GADEN's name; None if unknown."""
+    plain = {re.sub(r"[ _]", "", name.lower()) for name in names}
+    if plain & {"nodenumber", "nodeid", "pointid", "vertexid"}:
+        return "nodes"
+    is_cell = plain & {"cellnumber", "cellid", "elementnumber", "elementid"} or path.name.startswith(GADEN)
+    return "centres" if is_cell else None
+
+
+def _axis(form: str, n: int) -> str:
+    return (
+        form.replace("{n}", str(n)).replace("{a}", "xyz"[n]).replace("{u}", "uvw"[n]).replace("{i}", "ijk"[n])
     )
-    return None if nodes == cells else "nodes" if nodes else "centres"
 
 
 COLUMNS = {
     key: Column(
-        tuple(form.format(n=n, a="xyz"[n], u="uvw"[n], i="ijk"[n]) for form in forms), unit, is_needed=n < 2
+        tuple(_axis(form, n) for form in forms),
+        unit,
+        is_needed=n < 2,
+        may_lack=unit == "m/s",
+        pattern=_axis(pattern, n),
     )
-    for forms, keys, unit in ((PLACES, "xyz", "m"), (SPEEDS, "uvw", "m/s"))
+    for forms, pattern, keys, unit in ((PLACES, PLACE, "xyz", "m"), (SPEEDS, SPEED, "uvw", "m/s"))
     for n, key in enumerate(keys)
-} | {"nut": Column(EDDIES, "m^2/s", is_needed=False)}
+} | {
+    "nut": Column(EDDIES, "m^2/s", is_needed=False, may_lack=True),
+    "time": Column(("time", "t", "timestep"), "s", is_needed=False),
+    "valid": Column(("vtkvalidpointmask",), is_needed=False),
+}

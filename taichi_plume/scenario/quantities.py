@@ -27,10 +27,10 @@ FILE_UNITS = {  # pint's names of units that files write otherwise
 }  # fmt: skip
 _UNIT_WORD = re.compile(
     "[nuµμmcdk]?m|in|inch(es)?|ft|foot|feet|yd|mi|miles?|(milli|centi|kilo)?met(er|re)s?|[nuµμm]?s|(milli|micro)?seconds?|"
-    "min|minutes?|hr?|hours?|d|days?|pp[mbt]|percent|%|[nuµμmk]?g|grams?|m?L|[nuµμm]?mol|knots?|K|kelvin|degC|°C|Pa"
+    "min|minutes?|hr?|hours?|d|days?|pp[mbt]|percent|%|[nuµμmk]?g|grams?|m?[lL]|[nuµμm]?mol|knots?|K|kelvin|degC|°C|Pa"
 )
 """Units that files of this field state. pint knows more words, such as counts, px and dB, that are no such unit."""
-_SHARE = re.compile("pp[mbt]|percent|%|[nuµμm]?mol|c?m|m?L")
+_SHARE = re.compile("pp[mbt]|percent|%|[nuµμm]?mol|c?m|m?[lL]")
 """Units of the share of a gas in the volume of the air; a mass per mass is none."""
 # pint computes powers: m**9**9**9 never ends
 _TOWER = re.compile(r"(\^|\*\*)[^A-Za-zµμ]*(\^|\*\*)|\d\d")

@@ -115,7 +115,7 @@ def test_dates_of_a_data_frame(tmp_path):
     np.testing.assert_allclose(log.t, [1767261600.0, 1767261602.0])
     np.testing.assert_allclose(log.place[:, 0], [1.0, 2.0])
     np.testing.assert_array_equal(log.reading, [5.0, np.nan])
-    assert "1 of 2 readings are -9999, which counts as missing" in log.facts.remarks
+    assert "1 of 2 values of reading are -9999, which counts as missing" in log.facts.remarks
     assert "2 s from 2026-01-01 10:00:00 UTC on" in log.facts.text
 
 
@@ -133,7 +133,7 @@ def test_columns_that_the_user_names(tmp_path):
     assert log.reading.tolist() == [3.0, 4.0]
     for wrong, reported in (
         ({"t": "time"}, "has no column 'time' for t; it has stamp, px, py, CO2, CO2 dry"),
-        ({"speed": "px"}, "'speed' is none of t, x, y"),
+        ({"speed": "px"}, "'speed' is none of date, t, x, y"),
         (names | {"x": "px [s]"}, "'s' is no unit that converts to m"),
     ):
         with pytest.raises(ReadingsError, match=reported.replace("(", r"\(")):

@@ -43,7 +43,8 @@ def test_columns_are_found_by_their_names(tmp_path, text):
 
 def test_eddy_viscosity_and_files_of_two_dimensions(tmp_path):
     path = tmp_path / "wind.csv"
-    path.write_text(table("nut,x,y,u,v", [1e-3 * SPEED[:, 0], PLACE[:, :2], SPEED[:, :2]]))
+    flat = PLACE[:, :2] + PLACE[:, 2:]
+    path.write_text(table("nut,x,y,u,v", [1e-3 * SPEED[:, 0], flat, SPEED[:, :2]]))
     points = read(path)
     assert points.place.shape == (8, 2)
     assert points.eddy_viscosity is not None
@@ -60,8 +61,9 @@ LINES = GOOD.splitlines()
         ("", "is empty"),
         (" \n\n", "is empty"),
         ("x,y,z,u,v,w\n", "has 0 points with a velocity, too few"),
-        ("\n".join(LINES[:5]), "has 4 points with a velocity, too few"),
-        ("\n".join(LINES[1:]), "has no column x, y, u, v; no line above its numbers names the columns"),
+        ("\n".join(LINES[:4]), "has 3 points with a velocity, too few"),
+        (GOOD.replace("x,y,z,u,v,w", "x,y,z,u,v"), "its header names 5 columns (x, y, z, u, v), its rows have 6"),
+        ("\n".join(line + ",1" for line in LINES[1:]), "has no column x, y, u, v; no line above its numbers names"),
         (GOOD.replace("z,u,v", "height,u,speed"), "has no column v; it has x, y, height, u, speed, w"),
         (GOOD.replace("z,u,v,w", "z,u,v,p"), "has no column w; it has one for x, y, z, u, v"),
         (GOOD[: GOOD.rindex(",")], "line 9: has 5 columns, not 6; is the file whole?"),
