@@ -2,20 +2,21 @@
 
 PlumeSim: Cabrita, Sousa & Marques, "Player/Stage simulation of olfactory experiments", IROS 2010. Fluent exports one
 file per frame, numbered from 1: a line of titles, then lines ``index,x,y,chemical``. Titles that name x and y decide
-where these stand and, "x-coordinate (mm)", their unit; otherwise the order is that of PlumeSim, with lengths in m.
+where these stand and, "x-coordinate (mm)", their unit; the gas is then the only other column, but for those that are
+none. Otherwise the order is that of PlumeSim, with lengths in m.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.files.conventions import ConventionError, FileFacts, in_si, span
-from taichi_plume.files.named_columns import Column, pick
-from taichi_plume.files.tables import Table, TextFile, cells_of, listed
+from taichi_plume.files.conventions import ConventionError, FileFacts, span, split_unit
+from taichi_plume.files.named_columns import Column, Picked, pick, read_columns
+from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, is_number, listed
 from taichi_plume.guard.safe_open import unopenable
 from taichi_plume.scenario.playback import PlumeSimWind
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas
@@ -25,7 +26,19 @@ FARTHEST = 1e5  # m: beyond, f32 cannot resolve cells of a centimetre
 LARGEST_PERCENT = 1e6
 LARGEST_FLUENT = 1e4  # times the value that counts as 100 percent
 FLUENT = ("index", "x", "y", "chemical")
-PLACES = re.compile(r"z|z-coordinate.*|index|id|node.*|cell.*")  # columns beside x, y and the concentration
+COLUMNS = {
+    **{
+        axis: Column((axis, f"{axis}-coordinate", f"points:{n}", f"coordinates:{n}"), "m")
+        for n, axis in enumerate("xy")
+    },
+    "chemical": Column(("chemical",)),
+}
+NO_GAS = re.compile(
+    r"z$|z-coordinate|points:2|coordinates:2|index|id$|node|cell|[xyz]-velocity|velocity|[uvw]$|pressure|temperature|"
+    "density|turb|enthalpy|vorticity|time"
+)
+"""Names of columns of an export that are no concentration."""
+MOST_REMARKS = 10
 
 
 class PointFileError(ValueError):
@@ -63,35 +76,37 @@ def frames_of(model: PlumeSimWind | PlumeSimGas | FluentGas, folder: Path) -> Po
     from taichi_plume.files.plumesim_log import read_log
 
     if model.kind == "fluent":
-        return read_fluent(folder / model.files, model.frames, model.period, model.cell, model.largest)
+        columns = {str(key): name for key, name in model.columns.items()}
+        return read_fluent(
+            folder / model.files, model.frames, model.period, model.cell, model.largest, columns
+        )
     frames = read_log(folder / model.file)
     return replace(frames, facts=FileFacts(described(frames)))
 
 
 def read_fluent(
-    pattern: Path, frames: int | None, period: float, cell: float, largest: float | None
+    pattern: Path,
+    frames: int | None,
+    period: float,
+    cell: float,
+    largest: float | None,
+    columns: Mapping[str, str] | None = None,
 ) -> PointFrames:
     """Read a plume from numbered Fluent files, such as ``plume%03d.txt``: the first `frames` files, or all (None).
 
-    period, cell: as in PointFrames; largest: value that counts as 100 percent, by default the maximum. Raises
-    PointFileError.
+    period, cell: as in PointFrames; largest: value that counts as 100 percent, by default the maximum; columns: names
+    of the columns for x, y and chemical. Raises PointFileError.
     """
-    begin, place, chemical, unit, negative = [0], [], [], "", 0
+    begin, place, chemical, remarks, named = [0], [], [], [], ""
     paths = _numbered(pattern, frames)
     for path in paths:
-        file = TextFile(path, PointFileError)
-        columns, unit = _fluent_columns(file)
-        width = max(len(FLUENT), len(cells_of(file.lines[0], ",")))
-        table = Table(file, range(1, len(file.lines)), width, form=",".join(FLUENT))
-        values = table.numbers(*columns)
-        values[:, :2] = in_si(values[:, :2], unit, "m")
-        negative += int((values[:, 2] < 0).sum())
-        values[:, 2] = np.where(values[:, 2] < 0, 0.0, values[:, 2])
-        known = _checked(
-            table,
-            dict(zip(FLUENT[1:], values.T, strict=True)),
-            {"chemical": LARGEST_FLUENT * (largest or inf)},
-        )
+        known, table, named, more = _fluent_frame(path, columns or {})
+        negative = known["chemical"] < 0
+        if negative.any():
+            more = (*more, f"{negative.sum()} concentrations below 0 count as 0")
+            known["chemical"] = np.where(negative, 0.0, known["chemical"])
+        known = _checked(table, known, {"chemical": LARGEST_FLUENT * (largest or inf)})
+        remarks += [f"{path.name}: {remark}" for remark in more]
         place.append(np.column_stack([known["x"], known["y"]]))
         chemical.append(known["chemical"])
         begin.append(begin[-1] + len(table))
@@ -99,31 +114,55 @@ def read_fluent(
     if not len(percent):
         raise PointFileError(f"{paths[0]}: holds no points")
     full = percent.max() if largest is None else largest
-    assumed = f"lengths in {unit or 'm (assumed)'}, 100 percent is {full:.4g}" + (
-        "" if largest else " (assumed: largest)"
-    )
+    scale = f"100 percent is {full:.4g}" + ("" if largest else " (assumed: largest)")
     if full > 0:
         percent = 100.0 * (percent / full)
     wind = np.zeros((len(percent), 2))
-    remarks = (f"{negative} concentrations below 0 count as 0",) if negative else ()
     plume = PointFrames(paths[0], period, cell, np.concatenate(place), wind, percent, np.array(begin))
-    return replace(plume, facts=FileFacts(f"{described(plume)}, {assumed}", remarks))
+    left_out = [f"{len(remarks) - MOST_REMARKS} more remarks"] * (len(remarks) > MOST_REMARKS)
+    facts = FileFacts(f"{described(plume)}, {named}, {scale}", (*remarks[:MOST_REMARKS], *left_out))
+    return replace(plume, facts=facts)
 
 
-def _fluent_columns(file: TextFile) -> tuple[list[int], str]:
-    """Return the indices of x, y and the concentration in a Fluent file, and the unit of lengths, "" if not stated."""
-    names = cells_of(file.lines[0], ",")
+def _fluent_frame(
+    path: Path, columns: Mapping[str, str]
+) -> tuple[dict[str, np.ndarray], Table, str, tuple[str, ...]]:
+    """Return x, y [m] and the concentration of a frame, its table, a text on its columns, and remarks.
+
+    columns: names of columns that the user gives for x, y and chemical.
+    """
+    file = TextFile(path, PointFileError)
+    names = cells_of(file.lines[0], delimiter_of(file.lines[0]))
+    is_named = any(key in columns for key in "xy") or len(_places(file, names)) == 2
+    if not is_named and len(file.lines) > 1:  # the order of PlumeSim, below a line of titles
+        first = 0 if len(names) == len(FLUENT) and all(map(is_number, names)) else 1
+        table = Table(file, range(first, len(file.lines)), len(FLUENT), form=",".join(FLUENT))
+        known: dict[str, np.ndarray] = dict(zip(FLUENT[1:], table.numbers(1, 2, 3).T, strict=True))
+        return known, table, "columns index, x, y, chemical, lengths in m (assumed)", ()
+    if not is_named:
+        return {key: np.empty(0) for key in FLUENT[1:]}, Table(file, [], len(FLUENT)), "", ()
+    left = [name for name in names if name.strip() and not NO_GAS.match(split_unit(name)[0])]
+    others = [
+        name for name in left if split_unit(name)[0] not in {split_unit(n)[0] for n in _places(file, names)}
+    ]
+    if len(others) != 1 and "chemical" not in columns:
+        what = f"several columns that may be the gas, {listed(others)}" if others else "no column of a gas"
+        raise file.wrong(
+            1, f"names {what}; give columns, such as {{chemical: {others[0] if others else 'molef'}}}"
+        )
+    named = read_columns(file, COLUMNS, {"chemical": others[0], **columns} if len(others) == 1 else columns)
+    units = ", ".join(f"{key} in {named.picked[key].unit or 'm (assumed)'}" for key in "xy")
+    text = f"gas of column {named.picked['chemical'].name}, {units}"
+    return {key: named.values[key] for key in FLUENT[1:]}, named.table, text, named.remarks
+
+
+def _places(file: TextFile, names: Sequence[str]) -> dict[str, Picked]:
+    """Return the columns of x and y, by their header cells, if a header names them."""
     try:
-        found = pick(names, {axis: Column((axis, f"{axis}-coordinate"), "m") for axis in "xy"})
+        found = pick(names, {key: COLUMNS[key] for key in "xy"})
     except ConventionError as error:
         raise file.wrong(1, str(error)) from None
-    if len(found) < 2:
-        return [1, 2, 3], ""
-    taken = {found["x"].index, found["y"].index}
-    others = [n for n, name in enumerate(names) if n not in taken and not PLACES.match(name.strip().lower())]
-    if not others:
-        raise file.wrong(1, f"names no concentration; it has {listed(names)}")
-    return [found["x"].index, found["y"].index, others[-1]], found["x"].unit
+    return {column.name: column for column in found.values()}
 
 
 def described(frames: PointFrames) -> str:

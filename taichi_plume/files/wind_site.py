@@ -62,7 +62,7 @@ class Site:
         box = box_of(Interpolation(self.first.place), extent, self.wind.points or self.first.stand)
         form = self.first.form or {"nodes": "nodes", "centres": "centres of cells"}[box.stand]
         if not box.is_known and not self.wind.origin and not self.wind.occupancy:
-            remark = "its points may be nodes or centres of cells; centres are assumed; give points or origin"
+            remark = f"its points may be nodes or centres of cells; {form} are assumed; give points or origin"
             self.remarks[remark] = None
         return box.low, box.high, box.slack, form if box.is_known else f"{form} (assumed)"
 

@@ -1,7 +1,9 @@
 """Extent of a flow that is known at points: nodes, which lie on its boundary, or centres of cells, half a cell inside.
 
-Where a table does not say which of both its points are, their positions do: nodes start at 0 or at whole multiples of
-their spacing, centres of cells at half of it; and nodes span the simulated domain, centres a spacing less.
+Where a table does not say which of both its points are, their positions do: nodes span the simulated domain, centres of
+cells a spacing less; nodes start at 0, centres at half their spacing. Scattered nodes have many on each face of their
+box. If these contradict each other, or nothing says it, the meaning is assumed: nodes at whole multiples of their
+spacing, otherwise centres.
 """
 
 from collections.abc import Sequence
@@ -41,15 +43,22 @@ def box_of(points: Interpolation, extent: Sequence[float], stated: Stand | None 
         ends, near = np.full((len(used), 2), np.median(points.apart)), NEAR_SCATTERED
     else:
         ends, near = np.array([(axis[1] - axis[0], axis[-1] - axis[-2]) for axis in axes]), NEAR
-    votes: set[Stand] = {"nodes"} if axes is None and _has_boundary(place[:, used]) else set()
-    votes = votes or _anchors(low[used], ends, near) or _of_domain(low, high, ends, used, extent, near)
-    votes = votes or _multiples(low[used], ends)
-    stand: Stand = stated or ("nodes" if votes == {"nodes"} else "centres")
+    evidence: list[Stand] = []
+    if axes is None and _has_boundary(place[:, used]):
+        evidence.append("nodes")
+    strong: tuple[Stand | None, ...] = (
+        _of_domain(low, high, ends, used, extent, near),
+        _anchors(low[used], ends, near),
+    )
+    evidence.extend(kind for kind in strong if kind)
+    weak = _multiples(low[used], ends)
+    stand: Stand = stated or (evidence[0] if evidence else weak or "centres")
+    is_known = stated is not None or (bool(evidence) and set(evidence) == {stand})
     slack = 0.0 if points.lattice is not None else float(points.apart.max()) / 2
     if stand == "centres":
         low[used] -= ends[:, 0] / 2
         high[used] += ends[:, 1] / 2
-    return PointBox(low, high, slack, stand, bool(stated) or len(votes) == 1)
+    return PointBox(low, high, slack, stand, is_known)
 
 
 def _lattice_with_holes(place: np.ndarray) -> list[np.ndarray] | None:
@@ -61,17 +70,20 @@ def _lattice_with_holes(place: np.ndarray) -> list[np.ndarray] | None:
     return axes if number <= SPARSEST * len(place) else None
 
 
-def _named(nodes: np.ndarray, centres: np.ndarray) -> set[Stand]:
-    """Return what the axes say, from masks of the axes that look like nodes and like centres."""
-    kinds: dict[Stand, bool] = {"nodes": bool(nodes.any()), "centres": bool(centres.any())}
-    return {kind for kind, evidence in kinds.items() if evidence}
+def _agreed(nodes: np.ndarray, centres: np.ndarray, of_all: bool) -> Stand | None:
+    """Return what the axes say, from masks of those that look like nodes and like centres; None if they contradict.
+
+    of_all: whether every axis has to say it.
+    """
+    if (nodes.all() if of_all else nodes.any()) and not centres.any():
+        return "nodes"
+    return "centres" if (centres.all() if of_all else centres.any()) and not nodes.any() else None
 
 
-def _anchors(low: np.ndarray, ends: np.ndarray, near: float) -> set[Stand]:
-    """Return the meaning of points that start at 0 or at half a spacing; nothing if axes contradict each other."""
+def _anchors(low: np.ndarray, ends: np.ndarray, near: float) -> Stand | None:
+    """Return the meaning of points that start at 0 or at half a spacing; None if no axis does, or axes contradict."""
     first = low / ends[:, 0]
-    evidence = _named(np.abs(first) < near, np.abs(first - 0.5) < near)
-    return evidence if len(evidence) == 1 else set()
+    return _agreed(np.abs(first) < near, np.abs(first - 0.5) < near, of_all=False)
 
 
 def _of_domain(
@@ -81,19 +93,18 @@ def _of_domain(
     used: np.ndarray,
     extent: Sequence[float],
     near: float,
-) -> set[Stand]:
-    """Return the meaning with which the points fill the domain; nothing if none or both do."""
+) -> Stand | None:
+    """Return the meaning with which the points fill the domain along all axes; None if none does."""
     axes = [n for n, a in enumerate(used) if a < len(extent)]
     longer = np.array([extent[used[n]] - (high - low)[used[n]] for n in axes])
     spacing = ends[axes].mean(axis=1)
-    evidence = _named(np.abs(longer) < near * spacing, np.abs(longer - spacing) < near * spacing)
-    return evidence if len(evidence) == 1 else set()
+    return _agreed(np.abs(longer) < near * spacing, np.abs(longer - spacing) < near * spacing, of_all=True)
 
 
-def _multiples(low: np.ndarray, ends: np.ndarray) -> set[Stand]:
-    """Return the meaning of points that start at whole multiples of their spacing, or half a spacing beside these."""
+def _multiples(low: np.ndarray, ends: np.ndarray) -> Stand | None:
+    """Return the likely meaning of points that start at whole multiples of their spacing, or half a spacing beside."""
     rest = np.mod(low / ends[:, 0], 1.0)
-    return _named(np.minimum(rest, 1.0 - rest) < NEAR, np.abs(rest - 0.5) < NEAR)
+    return _agreed(np.minimum(rest, 1.0 - rest) < NEAR, np.abs(rest - 0.5) < NEAR, of_all=True)
 
 
 def _has_boundary(place: np.ndarray) -> bool:

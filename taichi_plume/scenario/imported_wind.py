@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 import psutil
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from taichi_plume.files.gaden import Cubes
     from taichi_plume.files.wind_site import Site
 
+ColumnName = Annotated[str, BeforeValidator(lambda name: str(name) if isinstance(name, int) else name)]
 ROUNDING = 0.01  # cells by which the domain may exceed the points
 
 
@@ -48,9 +49,9 @@ class ImportedWind(AnyWind, Played):
     without one that of the mesh or the points."""
     height: si.Coordinate | None = None
     """Height z in the files at which a 2-D run cuts them; unless given, the middle of the points."""
-    columns: dict[Literal["x", "y", "z", "u", "v", "w", "nut"], str] = Field(default_factory=dict)
-    """Names of a table's columns for x, y, z, u, v, w and nut, with or without a unit, such as {x: "pos (mm)"}. Unless
-    given, they are found by the names that programs write."""
+    columns: dict[Literal["x", "y", "z", "u", "v", "w", "nut"], ColumnName] = Field(default_factory=dict)
+    """Names of a table's columns for x, y, z, u, v, w and nut, or their numbers from 1 on. A name may have a unit: {x:
+    "pos (mm)"}. Unless given, they are found by the names that programs write."""
     points: Literal["nodes", "centres"] | None = None
     """Meaning of a table's points: nodes lie on the boundary of the flow, centres of cells half a cell inside. Unless
     given, the header or the positions of the points say it."""

@@ -54,6 +54,9 @@ class FluentGas(PercentGas, PointPlayback):
     """Time from one file to the next."""
     cell: si.Length = 0.1
     """Distance up to which a point counts."""
+    columns: dict[Literal["x", "y", "chemical"], str] = Field(default_factory=dict)
+    """Names of the columns for x, y and chemical, the gas. Unless given, x and y have names of Fluent, and the gas is
+    the only other column. Without such names the order is index, x, y, chemical."""
     largest: si.Magnitude | None = None
     """Concentration that counts as 100 percent, in the files' unit; unless given, the largest in them."""
 

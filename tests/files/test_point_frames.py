@@ -169,8 +169,17 @@ def test_titles_of_fluent_say_where_columns_stand_and_their_unit(tmp_path):
     frames = read_fluent(tmp_path / "p%d.txt", None, 1.0, 0.1, None)
     np.testing.assert_allclose(frames.place, 1e-3 * place)
     np.testing.assert_allclose(frames.percent, [100.0, 0.0])
-    assert "lengths in mm" in frames.facts.text
-    assert frames.facts.remarks == ("1 concentrations below 0 count as 0",)
+    assert "gas of column c2h5oh, x in mm, y in mm" in frames.facts.text
+    assert frames.facts.remarks == ("p1.txt: 1 concentrations below 0 count as 0",)
+    several = "x-coordinate (cm),y-coordinate (mm),molef_a,molef_b,pressure\n100,2000,5,7,1e5\n"
+    (tmp_path / "p1.txt").write_text(several)
+    with pytest.raises(PointFileError, match="several columns that may be the gas, molef_a, molef_b"):
+        read_fluent(tmp_path / "p%d.txt", None, 1.0, 0.1, None)
+    frames = read_fluent(tmp_path / "p%d.txt", None, 1.0, 0.1, 14.0, {"chemical": "molef_b"})
+    np.testing.assert_allclose(frames.place, [[1.0, 2.0]])
+    np.testing.assert_allclose(frames.percent, [50.0])
+    (tmp_path / "p1.txt").write_text("1,0.5,0.25,3\n2,0.75,0.25,6\n")  # without a line of titles
+    np.testing.assert_allclose(read_fluent(tmp_path / "p%d.txt", None, 1.0, 0.1, None).percent, [50.0, 100.0])
     (tmp_path / "p1.txt").write_text(titles.replace("mm", "s") + "\n1,2,3,4,5\n")
     with pytest.raises(PointFileError, match=r"line 1: .*'s' is no unit that converts to m"):
         read_fluent(tmp_path / "p%d.txt", None, 1.0, 0.1, None)

@@ -171,10 +171,10 @@ def test_readings_that_may_mean_none_are_remarked(tmp_path):
 def test_tables_of_pandas_with_all_kinds_of_times():
     start = pandas.Timestamp("2026-01-01T10:00:00Z")
     frame = pandas.DataFrame(LOG, columns=["t", "x", "y", "reading"])
-    dated = frame.assign(t=start + pandas.to_timedelta(frame["t"], unit="s"))
+    dated = frame.assign(t=start + pandas.to_timedelta(frame["t"].tolist(), unit="s"))
     for source in (dated, dated.assign(t=dated["t"].astype(str)), dated.set_index("t")):
         np.testing.assert_allclose(read_log(source).t, start.timestamp() + frame["t"])
-    lasting = frame.assign(t=pandas.to_timedelta(frame["t"], unit="s"))
+    lasting = frame.assign(t=pandas.to_timedelta(frame["t"].tolist(), unit="s"))
     np.testing.assert_allclose(read_log(lasting).t, frame["t"])
     numbered = frame.set_axis([0, 1, 2, 3], axis=1)
     with pytest.raises(ReadingsError, match="has no column '4' for reading"):

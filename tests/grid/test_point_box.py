@@ -25,7 +25,6 @@ def cells(low, edges, spacing, stand):
         ((0, 0), (4, 3), 0.5, (2, 2)),  # the origin says it
         ((0, 0, 0), (3, 2, 1), 0.25, (3, 2)),
         ((-3.1, 2.03), (4, 3), 0.5, (4, 3)),  # the domain does
-        ((-1, 2, 0.4), (2, 2, 1), 0.2, (1, 1, 1)),  # whole multiples of the spacing do
     ],
 )
 def test_positions_say_what_points_are(stand, low, edges, spacing, domain):
@@ -33,6 +32,14 @@ def test_positions_say_what_points_are(stand, low, edges, spacing, domain):
     assert (box.stand, box.is_known) == (stand, True)
     np.testing.assert_allclose(box.low, low, atol=1e-9)
     np.testing.assert_allclose(box.high, np.add(low, edges), atol=1e-9)
+
+
+def test_contradictions_and_bare_multiples_are_assumed():
+    """Nodes of half a metre on fit a domain as nodes, though centres start there; a grid about 0 says nothing."""
+    box = box_of(Interpolation(cells((0.5, 0.5), (4, 3), 1.0, "nodes")), (4, 3))
+    assert (box.stand, box.is_known) == ("nodes", False)
+    around = np.stack(np.meshgrid(*[np.linspace(-1, 1, 21)] * 2), axis=-1).reshape(-1, 2)
+    assert not box_of(Interpolation(around), (1.5, 1.5)).is_known
 
 
 def test_what_nothing_says_is_assumed_unless_stated():
