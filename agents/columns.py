@@ -24,8 +24,8 @@ class Column:
     width: 2 for vectors. key: name in snapshots, * is the column's name; empty if not in snapshots. tabled: whether
     `robots.parquet` has the column, named by key or `components`; there NaN is null. named: whether the numbers stand
     for names, the states of the algorithm. read_as, written_as: name among the arrays that an own algorithm reads, or
-    writes. truth: column whose field is shared if all robots know their poses. flies: column of swarms with drones
-    only. pushed: column of swarms among moving obstacles only.
+    writes. truth: column whose field is shared if all robots know their poses, and for readings if clean air has no
+    background. flies: column of swarms with drones only. pushed: column of swarms among moving obstacles only.
     """
 
     unit: str
@@ -77,12 +77,18 @@ class Columns:
     altitude = Column(
         "m", "of the lower end of the body over the floor", components=("z",), read_as="altitude", flies=True
     )
-    reading = Column(
+    measured = Column(
         "ppm",
-        "of the gas sensor; in ppm m for a laser that measures the integral",
+        "of the gas sensor, with the background; in ppm m for a laser that measures the integral",
         key="reading_ppm",
         tabled=True,
+    )
+    reading = Column(
+        "ppm",
+        "of the gas sensor above that in clean air; in ppm m for a laser that measures the integral",
+        key="above_ppm",
         read_as="reading",
+        truth="measured",
     )
     resistance = Column("ohm", "of a metal-oxide sensor; NaN for others", key="resistance_ohm", tabled=True)
     true_ppm = Column(
@@ -154,10 +160,12 @@ class Columns:
     goal = Column("m", "commanded goal of flight; NaN: flight by speeds", key="", width=3, flies=True)
     goal_heading = Column("rad", "commanded heading on the way; NaN: by turn rate", key="", flies=True)
 
-    def _allocate(self, n: int, errs: bool) -> None:
-        """Allocate the fields of n robots; errs: whether the believed pose of any robot has errors."""
+    def _allocate(self, n: int, errs: bool, background: bool) -> None:
+        """Allocate the fields of n robots; errs: whether the believed pose of any robot has errors; background: whether
+        clean air has a background of gas."""
         for column in self.columns:
-            shared = bool(column.truth) and not errs
+            differs = background if column.truth.startswith("measured") else errs
+            shared = bool(column.truth) and not differs
             setattr(self, column.name, getattr(self, column.truth) if shared else column.field(n))
 
 
@@ -171,12 +179,19 @@ def columns_of(flies: bool, pushed: bool = False) -> tuple[Column, ...]:
     return tuple(column for column in ALL if column.flies <= flies and column.pushed <= pushed)
 
 
-OF_A_GAS_SENSOR = ("reading", "resistance", "true_ppm")
+def with_excess(columns: Sequence[Column]) -> tuple[Column, ...]:
+    """Return columns with the readings above clean air in `robots.parquet`, for runs with a background of gas."""
+    return tuple(
+        replace(column, tabled=True) if column.truth.startswith("measured") else column for column in columns
+    )
+
+
+OF_A_GAS_SENSOR = ("measured", "reading", "resistance", "true_ppm")
 """Names of the columns that each gas sensor writes."""
 
 
 def further_gas_sensors(most: int) -> tuple[Column, ...]:
-    """Return three columns for each gas sensor but the first; most: largest number of gas sensors of a robot.
+    """Return four columns for each gas sensor but the first; most: largest number of gas sensors of a robot.
 
     The columns are the first sensor's with the sensor's number in their names; NaN for robots with fewer sensors.
     """
@@ -187,6 +202,7 @@ def further_gas_sensors(most: int) -> tuple[Column, ...]:
             name=f"{column.name}_{k}",
             key=f"_{k}_".join(column.key.rsplit("_", 1)),  # reading_1_ppm
             read_as="",
+            truth=column.truth and f"{column.truth}_{k}",
         )
         for k in range(1, most)
         for column in COLUMNS

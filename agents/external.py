@@ -22,9 +22,12 @@ AWAITED, DRIVEN, LOST = range(3)
 
 READ = (
     Columns.believed_position, Columns.believed_heading, Columns.wind, Columns.wind_known, Columns.blocked,
-    Columns.found, Columns.declarations, Columns.reading, Columns.resistance,
+    Columns.found, Columns.declarations, Columns.measured, Columns.resistance,
 )  # fmt: skip
-SENSED = ("reading", "resistance")  # columns of each gas sensor
+SENSED = {
+    "measured": "reading",
+    "resistance": "resistance",
+}  # columns of each gas sensor, and their names in a sample
 ORDERED = (
     Columns.state, Columns.speed_command, Columns.turn_rate_command, Columns.ordered_position,
     Columns.ordered_heading,
@@ -73,7 +76,9 @@ class ExternalAlgorithm:
         (group,) = members.groups
         self.flies = group.model.body.flies
         self.noses = len(group.model.sensors.noses)
-        further = [column for column in further_gas_sensors(self.noses) if column.name.startswith(SENSED)]
+        further = [
+            column for column in further_gas_sensors(self.noses) if column.name.startswith(tuple(SENSED))
+        ]
         read = (*READ, *further, *((Columns.altitude,) if self.flies else ()))
         self._read = Rows(swarm, read, group.start, group.size)
         self._ordered = Rows(swarm, (*ORDERED, *(FLOWN if self.flies else ())), group.start, group.size)
@@ -88,13 +93,13 @@ class ExternalAlgorithm:
         """Do nothing: the last orders hold until the next ones."""
 
     def sample(self) -> dict[str, np.ndarray]:
-        """Return the robots' readings by column name: (size,), (size, 2), or (size, sensors) for gas sensors. Altitude
-        is 0 for robots on the floor.
+        """Return the robots' readings, with the background, by column name: (size,), (size, 2), or (size, sensors) for
+        gas sensors. Altitude is 0 for robots on the floor.
         """
         names = (column.name for column in self._read.columns)
         read = dict(zip(names, self._read.read(), strict=True))
-        for name in SENSED:
-            each = [read.pop(name if k == 0 else f"{name}_{k}") for k in range(self.noses)]
+        for column, name in SENSED.items():
+            each = [read.pop(column if k == 0 else f"{column}_{k}") for k in range(self.noses)]
             read[name] = np.stack(each, axis=-1)
         return {"altitude": np.zeros(self.size, np.float32)} | read
 

@@ -4,6 +4,9 @@ The static law of `gas_laws` maps the concentration to a goal y. The signal foll
 rise and decay, solved exactly over a time step; a fraction may decay more slowly. A reading is the present signal, or
 the mean since the previous reading, with drift, white noise of samples and of the reading, room climate and heater
 warm-up. The calibration converts a reading to ppm, never negative. Between readings the last reading is held.
+
+Where clean air has a background of gas, a sensor starts in equilibrium with it. Algorithms get the reading minus that
+of the same sensor in clean air without noise, as after zeroing, but never negative.
 """
 
 from collections.abc import Sequence
@@ -27,11 +30,11 @@ LARGEST = 10.0  # standard deviation of fluctuations over the mean, at the edge 
 
 
 class GasSensors:
-    """Gas sensors of several groups, one per robot, all of the same law. Written: `true_ppm`, `reading`, `resistance`.
+    """Gas sensors of several groups, one per robot, all of the same law. Written: the columns `OF_A_GAS_SENSOR`.
 
     slot: number of the sensor on each robot, from 0 on, which ends the column names of further sensors. dim: dimension
     of the gas grid; in 3-D the sensors sit at their heights. tick: control period [s]. species: of the gas. fluctuates:
-    whether the gas has unresolved fluctuations.
+    whether the gas has unresolved fluctuations. background: of each species in clean air [ppm]; () for none.
     """
 
     STATE: tuple[str, ...] = ("signal", "slow", "sum", "baseline")
@@ -45,7 +48,9 @@ class GasSensors:
         species: Sequence[Species],
         slot: int = 0,
         fluctuates: bool = False,
+        background: Sequence[float] = (),
     ):
+        self.zeroed = any(background)
         self.members, self.swarm, self.dim, self.species = members, members.swarm, dim, len(species)
         self.fluctuates, self.tick = fluctuates, tick
         self.first = slot == 0
@@ -55,9 +60,11 @@ class GasSensors:
         self.ahead, self.left = any(model.ahead for model in models), any(model.left for model in models)
         self.bends = any(model.bend(kind.name) for model in models for kind in species)
         self.p = Parameters(
-            members, partial(_sensor_numbers, tick, species, slot), stream=numbered("gas sensor", slot)
+            members,
+            partial(_sensor_numbers, tick, species, slot, background),
+            stream=numbered("gas sensor", slot),
         )
-        self.reading, self.resistance, self.true_ppm = (
+        self.measured, self.reading, self.resistance, self.true_ppm = (
             getattr(members.swarm, f"{name}_{slot}" if slot else name) for name in OF_A_GAS_SENSOR
         )
         self.signal = ti.field(ti.f32, n)  # signal y, in clean air at the start
@@ -114,7 +121,11 @@ class GasSensors:
         else:
             ppm = ti.max(gas.ppm_of(i, x, t), 0.0)
         if ti.static(self.fluctuates):
-            ppm *= self._fluctuations(ppm, gas, n, i, x, t, tick, deviate)
+            if ti.static(self.zeroed):
+                excess = ti.max(gas.excess(x, t), 0.0)
+                ppm += excess * (self._fluctuations(excess, gas, n, i, x, t, tick, deviate) - 1.0)
+            else:
+                ppm *= self._fluctuations(ppm, gas, n, i, x, t, tick, deviate)
         self.true_ppm[i] = ppm.sum()  # type: ignore[misc]
         smelt = 0.0
         for s in ti.static(range(self.species)):
@@ -146,6 +157,22 @@ class GasSensors:
         """Reset sensor n to the start of a run; unit: random number from 0 to 1 that selects another sensor unit."""
         self.signal[n], self.slow[n], self.sum[n], self.baseline[n] = 0.0, 0.0, 0.0, 0.0
         self.law.renew(n, unit)
+
+    @ti.func
+    def clean(self, n):
+        """Return the exposure of sensor n to the background of clean air, as `exposure` does."""
+        return self.p.clean[n]
+
+    @ti.func
+    def settle(self, n):
+        """Put the signal of sensor n into equilibrium with clean air."""
+        y = self.law.response(n, self.clean(n))
+        self.signal[n], self.slow[n] = y, y
+
+    @ti.func
+    def clean_ppm(self, n):
+        """Return the reading [ppm] of sensor n in clean air, without noise, drift and room climate."""
+        return self.law.ppm(n, self.law.resistance(n, self.law.response(n, self.clean(n))))
 
     @ti.func
     def is_due(self, n, tick):
@@ -189,16 +216,25 @@ class GasSensors:
     def read(self, n, i, tick, r, ppm):
         """Write gas [ppm] and resistance r [ohm] to robot i's columns if its sensor n is due at time step `tick`."""
         if self.is_due(n, tick):
-            self.reading[i] = ppm
+            self.measured[i] = ppm
+            if ti.static(self.zeroed):
+                self.reading[i] = ti.max(ppm - self.clean_ppm(n), 0.0)
             if ti.static(self.law.HAS_RESISTANCE):
                 self.resistance[i] = r
 
 
-def _sensor_numbers(tick: float, species: Sequence[Species], slot: int, group: GroupRange) -> Numbers:
+def _sensor_numbers(
+    tick: float, species: Sequence[Species], slot: int, background: Sequence[float], group: GroupRange
+) -> Numbers:
     """Return the parameters of a group's gas sensors for kernels: mounting, sampling, noise, lag and sensitivities."""
     sensor = group.model.sensors.noses[slot]
     signal = sensor.signal
     bends = [sensor.bend(kind.name) or (1.0, 1.0) for kind in species]
+    weights = [sensor.weight(kind.name) for kind in species]
+    clean = sum(
+        weight * (ppm if power == 1.0 else (1.0 + ppm / c1) ** power - 1.0)
+        for weight, ppm, (c1, power) in zip(weights, background, bends, strict=False)
+    )
     rise, decay, slow = (Lag(time, tick) for time in (signal.rise, signal.decay, signal.slow_decay))
     return {
         "height": sensor.height,
@@ -218,7 +254,8 @@ def _sensor_numbers(tick: float, species: Sequence[Species], slot: int, group: G
         "slow_share": signal.slow_share,
         "slow_decay": slow.share,
         "slow_decay_rest": slow.rest,
-        "weights": tuple(sensor.weight(kind.name) for kind in species) or (0.0,),
+        "clean": clean,
+        "weights": tuple(weights) or (0.0,),
         "per_c1": tuple(1.0 / c1 for c1, _ in bends) or (0.0,),
         "powers": tuple(power for _, power in bends) or (1.0,),
     }

@@ -40,8 +40,9 @@ class HeatedSensors(GasSensors):
         species: Sequence[Species],
         slot: int = 0,
         fluctuates: bool = False,
+        background: Sequence[float] = (),
     ):
-        super().__init__(members, law, dim, tick, species, slot, fluctuates)
+        super().__init__(members, law, dim, tick, species, slot, fluctuates, background)
         self.STATE = (*self.STATE, "held", "slow_held")
         self.cycle = Parameters(members, partial(_cycle, tick, slot))
         self.held = ti.field(ti.f32, members.size)  # y at the end of the last hot part
@@ -52,6 +53,11 @@ class HeatedSensors(GasSensors):
         self.signal[n], self.slow[n], self.sum[n], self.baseline[n] = 0.0, 0.0, 0.0, 0.0
         self.held[n], self.slow_held[n] = 0.0, 0.0
         self.law.renew(n, unit)
+
+    @ti.func
+    def settle(self, n):
+        y = self.law.response(n, self.clean(n))
+        self.signal[n], self.slow[n], self.held[n], self.slow_held[n] = y, y, y, y
 
     @ti.func
     def phase(self, n, tick):

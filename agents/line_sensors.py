@@ -89,7 +89,7 @@ class Surroundings:
 
 
 class LineSensors(GasSensors):
-    """Laser gas sensors of several groups: `reading` is the beam's integral [ppm m] or mean [ppm], `true_ppm` the mean.
+    """Laser gas sensors of several groups: readings are the beam's integral [ppm m] or mean [ppm], `true_ppm` the mean.
 
     around: surfaces that stop the beams.
     """
@@ -103,8 +103,9 @@ class LineSensors(GasSensors):
         species: Sequence[Species],
         slot: int,
         around: Surroundings,
+        background: Sequence[float] = (),
     ):
-        super().__init__(members, law, dim, tick, species, slot)
+        super().__init__(members, law, dim, tick, species, slot, background=background)
         self.around = around
         self.beam = Parameters(members, partial(_beam, slot, around.step))
         self.length = ti.field(ti.f32, members.size)  # length of each beam [m]
@@ -139,12 +140,18 @@ class LineSensors(GasSensors):
         return total * step
 
     @ti.func
+    def clean(self, n):
+        return self.p.clean[n] * self.length[n]
+
+    @ti.func
     def read(self, n, i, tick, r, ppm):
         if self.is_due(n, tick):
-            value = ppm
+            per = 1.0
             if self.beam.gives_mean[n] == 1:
-                value /= ti.max(self.length[n], 1e-3)
-            self.reading[i] = value
+                per = ti.max(self.length[n], 1e-3)
+            self.measured[i] = ppm / per
+            if ti.static(self.zeroed):
+                self.reading[i] = ti.max(ppm - self.clean_ppm(n), 0.0) / per
 
 
 def _beam(slot: int, step: float, group: GroupRange) -> Numbers:

@@ -37,13 +37,13 @@ class Outputs:
 class Robots(KnownAttributes):
     """Robots of an algorithm: readings and commands, as arrays over the n robots.
 
-    Read: `reading` [ppm], the first column of `readings` (n, gas sensors) [ppm]; `wind` (n, 2) [m/s], zero if not
-    `wind_known`; `ranges` (n, range sensors) [m]; `position` (n, 2) [m], `heading` [rad] and `path_length` [m], with
-    the errors of the group's `localization`; `blocked`, the bumper; `trial` and `robot`, numbers of each; `t`, `dt`
-    [s]; of classes with a MESSAGE `heard` (n, robots of a team, MESSAGE), the last message from each mate, NaN if none,
-    and `heard_at` (n, robots of a team), its time [s]. Write: `speed` [m/s]; `turn_rate` [rad/s]; `state`, whole
-    numbers that index the algorithm's STATE_NAMES. Other attributes cannot be set: AttributeError. Call: `turn_to`,
-    `declare`, `tell`; `said` holds the declarations and messages of this time step.
+    Read: `reading` [ppm], the first column of `readings` (n, gas sensors) [ppm], above those in clean air; `wind` (n,
+    2) [m/s], zero if not `wind_known`; `ranges` (n, range sensors) [m]; `position` (n, 2) [m], `heading` [rad] and
+    `path_length` [m], with the errors of the group's `localization`; `blocked`, the bumper; `trial` and `robot`,
+    numbers of each; `t`, `dt` [s]; of classes with a MESSAGE `heard` (n, robots of a team, MESSAGE), the last message
+    from each mate, NaN if none, and `heard_at` (n, robots of a team), its time [s]. Write: `speed` [m/s]; `turn_rate`
+    [rad/s]; `state`, whole numbers that index the algorithm's STATE_NAMES. Other attributes cannot be set:
+    AttributeError. Call: `turn_to`, `declare`, `tell`; `said` holds the declarations and messages of this time step.
 
     Of drones also, read: `altitude` [m]. Write: `left_speed` [m/s], `climb_rate` [m/s]. Call in each step: `go_to`.
 

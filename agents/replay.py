@@ -37,7 +37,7 @@ class ReplayAlgorithm:
         flown = (Columns.ordered_altitude,) if group.model.body.flies else ()
         ordered = (Columns.state, Columns.ordered_position, Columns.ordered_heading, *flown)
         self._ordered = Rows(swarm, ordered, group.start, group.size)
-        self._told = Rows(swarm, (Columns.reading,), group.start, group.size)
+        self._told = Rows(swarm, (Columns.measured,), group.start, group.size)
         model = cast(Replay, group.model.algorithm)
         self.chosen = model.chosen(ways, group.count)
         self.zero = model.begin_of(self.chosen)

@@ -28,7 +28,8 @@ class Sensors:
     The first gas sensors are measured with the anemometers (`vanes`), each further gas sensor (`others`) in its own
     launch. dim: dimension of gas and wind; in 3-D the sensors sit at their heights. tick: control period [s]. species:
     of the gas. around: returns the surfaces that stop beams; called only if there are lasers or range sensors.
-    fluctuates: whether point sensors feel unresolved fluctuations of the gas.
+    fluctuates: whether point sensors feel unresolved fluctuations of the gas. background: of each species in clean air
+    [ppm], to which the sensors are zeroed; () for none.
     """
 
     STATE: tuple[str, ...] = ("noses", "vanes")
@@ -41,6 +42,7 @@ class Sensors:
         species: Sequence[Species],
         around: Callable[[], Surroundings] | None = None,
         fluctuates: bool = False,
+        background: Sequence[float] = (),
     ):
         self.count = swarm.count
         self.strip = STRIP if on_cpu() else 1
@@ -58,14 +60,18 @@ class Sensors:
         for (slot, law, cycled), some in members.items():
             all_alike = some, LAWS[law], dim, tick, species, slot
             if law == "line":
-                made[slot, law, cycled] = LineSensors(*all_alike, cast(Surroundings, stops))
+                made[slot, law, cycled] = LineSensors(*all_alike, cast(Surroundings, stops), background)
             else:
-                made[slot, law, cycled] = (HeatedSensors if cycled else GasSensors)(*all_alike, fluctuates)
+                kind = HeatedSensors if cycled else GasSensors
+                made[slot, law, cycled] = kind(*all_alike, fluctuates, background)
         self.noses = tuple(sensor for (slot, *_), sensor in made.items() if slot == 0)
         self.vanes = tuple(Anemometers(some, dim, tick) for (slot, *_), some in members.items() if slot == 0)
         self.others = tuple(sensor for (slot, *_), sensor in made.items() if slot > 0)
         if self.others:
             self.STATE = (*self.STATE, "others")
+        if any(background) and self.count and swarm.episodes is None:
+            for sensor in (*self.noses, *self.others):
+                self._read_clean_air(sensor, sum(background))
 
     def measure(self, gas: Odour, wind: Wind, tick: int, t: float) -> None:
         """Update all readings from gas and wind at time t [s]; tick: number of the control period, from 1 on."""
@@ -76,6 +82,14 @@ class Sensors:
                 self._sense(sensor, None, gas, wind, tick, t, exp(-t / WARMING))
             if self.ranges is not None:
                 self.ranges.measure(tick)
+
+    @ti.kernel
+    def _read_clean_air(self, sensor: Template, background: float):
+        """Write the readings of sensors in clean air, which hold before the first time step; background: sum [ppm]."""
+        for n in range(sensor.members.size):
+            i = sensor.members.robot[n]
+            sensor.measured[i] = sensor.clean_ppm(n)
+            sensor.true_ppm[i] = background
 
     @ti.kernel
     def _sense(
@@ -133,6 +147,9 @@ class Sensors:
                 warm = cold
                 if ti.static(sensor.swarm.apart):
                     warm = ti.exp(-at / WARMING)
+                if ti.static(sensor.zeroed):
+                    if now == 1:
+                        sensor.settle(first + m)
                 y[m] = sensor.lag(first + m, now, warm, y[m], noise[m], drift[m], own[m])
         for m in range(self.strip):
             n = ti.min(first + m, last)

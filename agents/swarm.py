@@ -12,7 +12,7 @@ import numpy as np
 
 from taichi_plume.agents.camera import Camera
 from taichi_plume.agents.collisions import CLEAR, PINNED, PUSHED, SKIN, Contact
-from taichi_plume.agents.columns import Rows, columns_of, further_gas_sensors, range_columns
+from taichi_plume.agents.columns import Rows, columns_of, further_gas_sensors, range_columns, with_excess
 from taichi_plume.agents.flight import FREE, Flying
 from taichi_plume.agents.groups import GroupRange, ranges
 from taichi_plume.agents.odometry import Odometry, Reckoning
@@ -48,12 +48,13 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
     see `Contact`. sources: (m, 2 or 3) [m], known to the referee, not to the robots. walkers: moving obstacles, each
     felt as the disc around its footprint. A walker that runs into a robot pushes the robot aside, or pins the robot if
     walls and other bodies leave no way out. Robots placed from outside are not pushed. rivals: whether groups neither
-    sense nor touch each other. episodes: trials of the only group that each restart on their own.
+    sense nor touch each other. episodes: trials of the only group that each restart on their own. background: whether
+    clean air has a background of gas, which `measured` holds and `reading` does not.
 
-    Algorithms read `reading` [ppm], `wind` [m/s], `wind_known`, `blocked` (the bumper) and the believed pose,
-    `believed_position` [m], `believed_heading` [rad] and `odometer` [m], and write `speed_command` [m/s],
-    `turn_rate_command` [rad/s] and `state`. Robots that are placed from outside stay until they get `ordered_position`,
-    `ordered_heading`. Without `localization` the believed pose is the true one: the same fields.
+    Algorithms read `reading` [ppm] above that in clean air, `wind` [m/s], `wind_known`, `blocked` (the bumper) and the
+    believed pose, `believed_position` [m], `believed_heading` [rad] and `odometer` [m]. They write `speed_command`
+    [m/s], `turn_rate_command` [rad/s] and `state`. Robots that are placed from outside stay until they get
+    `ordered_position`, `ordered_heading`. Without `localization` the believed pose is the true one: the same fields.
     """
 
     def __init__(
@@ -67,6 +68,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         walkers: Sequence[Obstacle] = (),
         rivals: bool = False,
         episodes: Trials | None = None,
+        background: bool = False,
     ):
         self.clearance = clearance
         self.episodes = episodes
@@ -82,9 +84,10 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
             *further_gas_sensors(max((len(group.sensors.noses) for group in groups), default=1)),
             *range_columns(max((group.sensors.ranges for group in groups), default=0)),
         )
-        self.columns = (*columns_of(self.flies, bool(walkers)), *further)
+        columns = (*columns_of(self.flies, bool(walkers)), *further)
+        self.columns = with_excess(columns) if background else columns
         self.STATE = tuple(column.name for column in self.columns)
-        self._allocate(n, self.reckons)
+        self._allocate(n, self.reckons, background)
         self._further = [getattr(self, column.name) for column in further]
         for name, value in BODY.items():
             setattr(self, name, ti.filled(self._each(value), ti.f32))

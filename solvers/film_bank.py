@@ -4,7 +4,7 @@ The films are planes at the height of the sensors in half precision (11 bits: 0.
 between frames and bilinearly in space over the cells that hold air.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,8 +25,9 @@ class FilmBank:
 
     STATE = ("film", "gas_of", "begin", "now")
 
-    def __init__(self, bank: Any, count: int, robots: int = 1):
-        """count: number of environments; robots: robots of each environment. bank: see envs/bank.py, with
+    def __init__(self, bank: Any, count: int, robots: int = 1, background: Mapping[str, float] | None = None):
+        """count: number of environments; robots: robots of each environment; background: of species in clean air [ppm],
+        by name, which adds to the recorded gas. bank: see envs/bank.py, with
 
         values (films, frames, nx, ny, 2 + gases), float16: wind [m/s], and each gas in units of its scale; scale
         (films, gases) [ppm]; air (2, nx, ny), rows WIND and GAS; spacing of the cells [m]; frame [s] between frames;
@@ -36,6 +37,10 @@ class FilmBank:
         self.gases, self.robots = channels - 2, robots
         self.species = tuple(dict.fromkeys(bank.species))
         self._which = tuple(self.species.index(species) for species in bank.species)
+        self.background = tuple((background or {}).get(species.name, 0.0) for species in self.species)
+        self.has_background = any(self.background)
+        if self.has_background:
+            self._background = ti.filled(self.background, ti.f32)
         self.film, self.gas_of = ti.field(ti.i32, count), ti.filled(np.full(count, -1))
         self.begin, self.now = ti.field(ti.f32, count), ti.field(ti.f32, count)
         self._air = ti.filled(bank.air, ti.f32)
@@ -104,6 +109,9 @@ class FilmBank:
             if chosen < 0 or chosen == g:
                 value = self._value(film, n, share, low, weights, 2 + g)
                 result[self._which[g]] += value * self._scale[film, g]
+        if ti.static(self.has_background):
+            for s in ti.static(range(len(self.species))):
+                result[s] += self._background[s]
         return result
 
 

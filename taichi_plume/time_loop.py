@@ -217,6 +217,9 @@ class TimeLoop:
         """
         assert self.rebuild is not None, "not assembled"
         saved, new = State(self).save(), self.rebuild(scenario, self)
+        if self.gas.has_background != new.gas.has_background:
+            background = "gas.background: from 0 or to 0 ppm it cannot change during a run; use reset"
+            raise ScenarioError([background])
         state = State(new)
         reason = state.unlike(saved)
         if reason is not None:

@@ -122,6 +122,7 @@ class FakeSwarm:
             "believed_heading": heading + 0.4,
             "odometer": np.full(self.count, 0.21 * self.t),
             "reading_ppm": reading,
+            "above_ppm": reading,
             "true_ppm": reading + 1,
             "wind": np.tile([0.3, 0.0], (self.count, 1)),
             "state": (reading > 10).astype(np.int32),

@@ -25,6 +25,7 @@ CHANGED = {
     ),
     "ecoli": ("casting_room", ["robots.0.algorithm={kind: ecoli}"]),
     "filmed": ("casting_room", ["fields={rate: 2}"]),
+    "background": ("casting_room", ["gas.background=3", "fields={rate: 2}"]),
     "other_air": ("puffs_arena", ["seed=3", "air_seed=4"]),
     "handover": ("puffs_arena", ["gas.initial_size=4.5 cm", "gas.convection=weno5"]),
     "heat_puffs": ("heated_room", ["wind.buoyancy.heat.heaters.0.power=2 kW"]),

@@ -16,6 +16,7 @@ from taichi_plume.files.run_folder import is_run
 from taichi_plume.guard.safe_open import as_path
 from taichi_plume.results.recorded_maps import GasMap, map_folder, map_of
 from taichi_plume.results.run import Run
+from taichi_plume.results.tracks import ABOVE
 from taichi_plume.scenario import si
 from taichi_plume.scenario.loading import load_part
 from taichi_plume.scenario.maps import Map
@@ -41,6 +42,7 @@ def maps(
     bag: Mapping[str, object] | BagOptions | None = None,
     columns: Mapping[str, str] | None = None,
     missing: Sequence[float] = (),
+    background: Number | None = None,
     out: str | Path | None = None,
     force: bool = False,
 ) -> GasMap:
@@ -54,6 +56,9 @@ def maps(
 
     columns: names of a table's columns for t, x, y, reading and so on, with or without a unit: ``{"t": "stamp [ms]"}``;
     missing: numbers that mean no reading, besides NaN, -999 and -9999.
+
+    background: reading in clean air [ppm], such as 420 for CO2, above which the map counts. Unless given 0, or in a run
+    with a background the readings above it are taken.
 
     bag: how a ROS bag is read, by the keys gas, pose and wind (lists of topics), reading (numbers in messages of any
     type, such as ``["/enose.data[0]"]``), frame, sensor, units, model, air and upwind; `origin` is a position in that
@@ -76,6 +81,8 @@ def maps(
     corner = np.array(load_part(origin, "--origin", si.Point2))
     trial = load_part(trial, "--trial", TRIAL)
     options = _bag_options(bag)
+    clean: float | None = load_part(background, "--background", si.Concentration | None)
+    known = 0.0
     places = None if sources is None else load_part(sources, "--source", tuple[si.Point2, ...])
     if isinstance(readings, str | Path):
         readings = as_path(readings, "readings", ReadingsError)
@@ -91,6 +98,10 @@ def maps(
             places = [source.position[:2] for _, source in compress(scenario.sources, on)]
         table = readings.folder / "robots.parquet"
         readings = table if table.exists() else readings.robots
+        gases = sum(scenario.backgrounds.values())
+        if gases and clean is None and "reading" not in (columns or {}):
+            columns = {**(columns or {}), "reading": ABOVE}
+            known = gases
     if floor is None:
         raise ReadingsError("--size: is missing; give the edges of the floor along x and y [m]")
     file = readings if isinstance(readings, Path) else None
@@ -98,9 +109,10 @@ def maps(
         log = read(
             readings, trial, group, options, columns, load_part(missing, "--missing", tuple[float, ...])
         )
-        log = replace(log, place=log.place - corner)
+        log = replace(log, place=log.place - corner, reading=log.reading - (clean or 0.0))
         try:
-            gas_map = map_of(log, model, floor, np.array(places) - corner if places else None)
+            sites = np.array(places) - corner if places else None
+            gas_map = map_of(log, model, floor, sites, known or clean or 0.0)
         except ReadingsError as error:
             raise ReadingsError(*log.topics, *error.lines) from None
         if folder is not None:

@@ -16,6 +16,7 @@ from taichi_plume.assembly.assemble import build
 from taichi_plume.assembly.preparation import Source, load
 from taichi_plume.engine import program
 from taichi_plume.engine.process import one_thread
+from taichi_plume.files.film import BACKGROUND
 from taichi_plume.grid.sampler import Sampler
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import as_path
@@ -274,15 +275,24 @@ class Simulation:
 
     @property
     def gas(self) -> "xarray.Dataset":
-        """Present mole fraction of each gas at the cell centres [ppm], such as `ethanol_ppm`; NaN in obstacles."""
+        """Present mole fraction of each gas at the cell centres [ppm], such as `ethanol_ppm`; NaN in obstacles.
+
+        A gas with a background counts above the background, which is the attribute `background_ppm`.
+        """
         species = self.loop.gas.species
         values = self._sampled()[self.loop.grid.dim :]
-        return self._dataset(
+        result = self._dataset(
             {
                 f"{gas.name}_ppm": (ppm, ("ppm", f"mole fraction of {gas.name} at 25 degrees and 1 atm"))
                 for gas, ppm in zip(species, values, strict=False)
             }
         )
+        for gas, ppm in self.loop.scenario.backgrounds.items():
+            if ppm:
+                variable = result[f"{gas}_ppm"]
+                variable.attrs["long_name"] += f", above the background of {ppm:g} ppm"
+                variable.attrs[BACKGROUND] = ppm
+        return result
 
     @property
     def temperature(self) -> "xarray.DataArray":
@@ -349,7 +359,7 @@ class Simulation:
         loop = self.loop
         points = loop.grid.centers().reshape(-1, loop.grid.dim)
         cells = [] if loop.wind.heat is None else [loop.wind.heat.theta]
-        return Sampler(points, loop.wind, loop.gas, cells, loop.air.solid, loop.grid)
+        return Sampler(points, loop.wind, loop.gas, cells, loop.air.solid, loop.grid, excess=True)
 
     def _sampled(self) -> np.ndarray:
         """Return wind, gas and, if computed, temperature in all cells, (quantities, *shape); NaN in obstacles."""

@@ -100,7 +100,16 @@ def build(
     clearance, walking = ways(scenario, resources, cubes)
     walkers = [scenario.obstacles[n] for n in walking]
     starts, sources = _starts(scenario, clearance, walkers), _places(scenario)
-    swarm = Swarm(scenario.robots, *starts, clearance, sources, scenario.seed, walkers, scenario.rivals)
+    swarm = Swarm(
+        scenario.robots,
+        *starts,
+        clearance,
+        sources,
+        scenario.seed,
+        walkers,
+        scenario.rivals,
+        background=any(scenario.backgrounds.values()),
+    )
     weights = _weights(scenario)
     scalars = {path: Scalar(grid, takes_space=True) for path in weights}
     weighing = [BuoyantScalar(scalar.q, weights[path], scalar.source) for path, scalar in scalars.items()]
@@ -113,11 +122,11 @@ def build(
         else None
         for gas, (_, model) in zip(gases, scenario.gases, strict=True)
     ]
-    gas = Mixture(gases, unresolved)
+    gas = Mixture(gases, unresolved, scenario.backgrounds)
     if film is None:
         set_initial_conditions(scenario, resources, wind, gas.gases)
     around = partial(_around, scenario, grid, air)
-    sensors = Sensors(swarm, grid.dim, scenario.tick, gas.species, around, gas.fluctuates)
+    sensors = Sensors(swarm, grid.dim, scenario.tick, gas.species, around, gas.fluctuates, gas.background)
     try:
         driving = teams(swarm, scenario.tick, own, networks, recorded, running.teams if running else ())
     except NetworkError as error:

@@ -216,10 +216,10 @@ def _moment(resources: Resources, path: str, model: InitialWind | InitialGas, fo
 
 
 def completed(gas: PlaybackGas, film: "Film") -> PlaybackGas:
-    """Return a played-back gas; species and sources not given come from the film. Raises FilmError."""
+    """Return a played-back gas; species, sources and background not given come from the film. Raises FilmError."""
     from taichi_plume.files.film import FilmError
 
-    if gas.sources and gas.species:
+    if gas.sources and gas.species and gas.background is not None:
         return gas
     try:
         recorded = film.attributes["gases"][film.gas_of(gas.species)] if film.gas else {}

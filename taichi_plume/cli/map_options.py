@@ -78,6 +78,8 @@ def _options(end: str) -> _Parser:
     option(parser, "--group", str, "NAME", "group, in a bag a robot (default: all robots of the trial)")
     what = "a source [m], to score the peak; may be repeated (default: those of the run)"
     parser.add_argument("--source", **place, action="append", help=what)
+    what = "reading in clean air [ppm], above which the map counts (default: that of the run, or 0)"
+    option(parser, "--background", _quantity(si.Concentration), "PPM", what)
     of_tables = parser.add_argument_group("of tables")
     what = (
         "columns of the table: t=stamp [ms],x=px,y=py,reading=CO2 [ppb] (default: as the header names them)"

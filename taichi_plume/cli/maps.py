@@ -32,7 +32,7 @@ def _make(args: argparse.Namespace, model: Map) -> int:
     gas_map = maps(
         args.readings, model, size=args.size, origin=args.origin, trial=args.trial, group=args.group,
         sources=args.source, bag=bag_options(args), columns=named_columns(args.columns), missing=args.missing,
-        out=args.out, force=args.force,
+        background=args.background, out=args.out, force=args.force,
     )  # fmt: skip
     facts = gas_map.readings.facts
     say(*(f"note: {args.readings}: {remark}" for remark in facts.remarks), error=True)

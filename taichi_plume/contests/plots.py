@@ -116,7 +116,7 @@ def _computed(scenario: Fixed) -> np.ndarray:
     def add(sim) -> None:
         nonlocal count
         if sim.t >= 0:
-            total[:] += fields.ppm_at(sim.gas, points, sim.t).sum(axis=-1)
+            total[:] += fields.excess_at(sim.gas, points, sim.t).sum(axis=-1)
             count += 1
 
     sim.observers.append(Every(EVERY, add))

@@ -124,14 +124,15 @@ class Episodes:
         clearance, _ = ways(scenario, resources, resources.site.cubes if resources.site else None)
         self.scenario, self.count, self.robots, self.autoreset = scenario, count, robots, autoreset
         tick, bank = scenario.tick, bank or record(scenario, folder, True)
-        self.bank, films = bank, FilmBank(bank, count, robots)
+        self.bank, films = bank, FilmBank(bank, count, robots, scenario.backgrounds)
         most = max(sum(len(places) for places in film) for film in bank.sources)
         trials = Trials(count, robots, most, tick)
         starts = Starts(group, _places(scenario, group, clearance))
         rows = np.arange(count) % len(starts.fallback)
         poses = starts.fallback[rows].reshape(-1, 2), np.zeros(count * robots)
-        swarm = Swarm([group], *poses, clearance, np.empty((0, 2)), scenario.seed, episodes=trials)
-        self.swarm, self.sensors = swarm, Sensors(swarm, 2, tick, films.species)
+        known = {"episodes": trials, "background": films.has_background}
+        swarm = Swarm([group], *poses, clearance, np.empty((0, 2)), scenario.seed, **known)
+        self.swarm, self.sensors = swarm, Sensors(swarm, 2, tick, films.species, background=films.background)
         members = Members(swarm, (0,))
         self.observation, self.commands = Observation(swarm, members, tick), Commands(swarm, members, tick)
         ticks = group.algorithm.ticks(tick)

@@ -1,5 +1,6 @@
 """Writer of the film `fields.zarr`: recorded wind and gas of a run, for analysis and for playback in later runs."""
 
+from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -62,7 +63,17 @@ class Filming:
         moving += ["temperature"] if self.heat is not None else []
         self.frames, self.closing = 0, ExitStack()
         species = sim.gas.species if "gas" in model.quantities else ()
-        self._new = partial(NewFilm, path, grid.shape, grid.dx, attributes, moving, still, species)
+        self._new: Callable[..., NewFilm] = partial(
+            NewFilm,
+            path,
+            grid.shape,
+            grid.dx,
+            attributes,
+            moving,
+            still,
+            species,
+            background=scenario.backgrounds,
+        )
 
     def start(self) -> None:
         disk.require_room(self.path)
@@ -99,7 +110,9 @@ class Filming:
         self.closing.close()
 
     def _gas(self, sim: TimeLoop) -> dict[str, np.ndarray]:
-        """Return the concentration [kg/m³] of each species at the cell centres, by the film's variable name."""
+        """Return the concentration [kg/m³] of each species above its background at the cell centres, by the film's
+        variable name.
+        """
         names = [f"{GAS}{species.name}" for species in sim.gas.species]
         frame = {name: np.zeros(sim.grid.shape[::-1], np.float32) for name in names}
         for gas in sim.gas.gases:
@@ -118,11 +131,15 @@ class Filming:
 
 
 def _origins(scenario: Scenario) -> Json:
-    """Return species and sources of each gas variable of the film, in the form of a scenario file."""
+    """Return species, sources and background of each gas variable of the film, in the form of a scenario file."""
     origins: Json = {}
     for _, gas in scenario.gases:
         written = gas.model_dump(mode="json", include={"species"})
-        known = origins.setdefault(f"{GAS}{gas.vapour.name}", {"species": written["species"], "sources": []})
+        background = scenario.backgrounds[gas.vapour.name]
+        about = {"species": written["species"], "sources": []} | (
+            {"background": background} if background else {}
+        )
+        known = origins.setdefault(f"{GAS}{gas.vapour.name}", about)
         for source in gas.sources:
             parts = source.model_dump(mode="json", exclude_none=True, include=set(Source.model_fields))
             known["sources"].append(parts if "dish" in parts else {"rate": 0.0} | parts)  # a puff has no rate

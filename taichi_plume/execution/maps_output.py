@@ -6,6 +6,7 @@ import numpy as np
 
 from taichi_plume import __version__
 from taichi_plume.files import disk, maps_file
+from taichi_plume.files.film import BACKGROUND
 from taichi_plume.scoring.beliefs import GroupBeliefs, beliefs
 from taichi_plume.scoring.declarations import Json
 from taichi_plume.scoring.maps import MapScores, MapSeries
@@ -57,8 +58,10 @@ class MapsFile:
         rivals = len(series.parts) > 1
         names = [group.name for group in self.sim.swarm.groups] if self.sim.swarm.count else []
         made = [[names[k]] if rivals else names for k in range(len(series.parts))]
+        backgrounds = {name: ppm for name, ppm in self.sim.scenario.backgrounds.items() if ppm}
         return {
             "title": f"Gas map {n} of {self.sim.scenario.name}",
+            **({BACKGROUND: backgrounds} if backgrounds else {}),
             **model.model_dump(mode="json"),
             "t_s": self.sim.t,
             "groups": [

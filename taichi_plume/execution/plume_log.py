@@ -11,7 +11,7 @@ import numpy as np
 from taichi_plume.files import disk
 from taichi_plume.files.plumesim_log import frame, header
 from taichi_plume.files.run_folder import cut
-from taichi_plume.grid.fields import ppm_at, velocity_at
+from taichi_plume.grid.fields import excess_at, velocity_at
 from taichi_plume.scenario.outputs import PlumeLog
 from taichi_plume.time_loop import Every, TimeLoop
 
@@ -56,7 +56,7 @@ class PlumeLogger:
         if sim.tick < self.first or (sim.tick - self.first) % self.ticks:
             return
         u = velocity_at(sim.wind, self.place, sim.t)
-        percent = 100.0 / self.model.full_scale_ppm * ppm_at(sim.gas, self.place, sim.t).sum(axis=-1)
+        percent = 100.0 / self.model.full_scale_ppm * excess_at(sim.gas, self.place, sim.t).sum(axis=-1)
         text = frame(self.frames + 1, self.place[:, :2], u, percent)
         disk.require_room(self.path, len(text))
         self.file.write(text.encode("ascii"))

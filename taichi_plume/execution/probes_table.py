@@ -32,6 +32,8 @@ class ProbeTable(GrowingTable):
         measured = [(f"wind_{a}", "m/s", f"velocity of the air along {a}", {}) for a in axes]
         for gas in sim.gas.species:
             density = {"kg_per_m3": f"{1 / gas.ppm_per_density:.9g}"}
+            if background := sim.scenario.backgrounds[gas.name]:
+                density["background_ppm"] = f"{background:.9g}"
             measured.append((f"{gas.name}_ppm", "ppm", f"mole fraction of {gas.name}", density))
         if sim.wind.p is not None:
             measured.append(

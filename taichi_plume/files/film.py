@@ -7,7 +7,8 @@ At the cell centres, to look at:
     u, v, w     [m/s]    air velocity
     NAME_ppm    [ppm]    mole fraction of a species (at 25 °C and 1 atm)
     temperature [K]      if the run solves for temperature
-    gas_NAME    [kg/m³]  concentration of a species
+    gas_NAME    [kg/m³]  concentration of a species, as NAME_ppm above its background, which is their attribute
+                `background_ppm` [ppm]
     air         volume fraction of the cell that holds gas, 0 in obstacles: the sum of gas_NAME * air * cell_volume is
                 the mass; without time
 
@@ -56,6 +57,8 @@ EARLIER = "taichi_plume film"  # start of the format of every version
 VELOCITIES = ("u_face", "v_face", "w_face")
 STILL = ("open_", "area_")
 GAS = "gas_"  # and the name of the species
+BACKGROUND = "background_ppm"
+"""Attribute of a gas variable: concentration of the species in clean air [ppm], which its values do not contain."""
 MOST = 1e9  # largest number in the attributes, such as cells along an axis
 Places = Callable[[np.ndarray], np.ndarray]
 """Values (...), or (..., dim) of a vector, at points (..., dim) [m]."""

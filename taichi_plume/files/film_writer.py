@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichi_plume.files import zarr_groups
-from taichi_plume.files.film import FORMAT, GAS, STILL, VELOCITIES, FilmError, dimensions, places
+from taichi_plume.files.film import BACKGROUND, FORMAT, GAS, STILL, VELOCITIES, FilmError, dimensions, places
 from taichi_plume.files.zarr_groups import Array, errors_as
 
 if TYPE_CHECKING:
@@ -48,7 +48,8 @@ class NewFilm:
 
     shape: cells per axis (x, y, z); dx: cell edge [m]; attributes: of the group; moving: names of the variables of a
     frame; still: variables without time; species: of the gases among `moving`. resume_at: resume the existing film
-    after this number of frames; raises FilmError if the film has fewer.
+    after this number of frames; raises FilmError if the film has fewer. background: of species in clean air [ppm], by
+    name, which the gases do not contain.
     """
 
     def __init__(
@@ -61,6 +62,7 @@ class NewFilm:
         still: Mapping[str, np.ndarray],
         species: "Sequence[Species]",
         resume_at: int | None = None,
+        background: Mapping[str, float] | None = None,
     ):
         self.path, self.dim = path, len(shape)
         self.ppm = {f"{GAS}{gas.name}": (f"{gas.name}_ppm", gas.ppm_per_density) for gas in species}
@@ -75,11 +77,20 @@ class NewFilm:
         }  # for NetCDF
         self.group = zarr_groups.create(path, facts)
         self.frames = 0
+        self.backgrounds: dict[str, dict[str, float]] = {}
         known = dict(MEANING)
         for gas in species:
             mass, share = NAMED.get(gas.name, (None, None))
-            known[f"{GAS}{gas.name}"] = ("kg m-3", f"concentration of {gas.name}", mass)
-            known[f"{gas.name}_ppm"] = ("ppm", f"mole fraction of {gas.name} at 25 degrees and 1 atm", share)
+            variables, above = (f"{GAS}{gas.name}", f"{gas.name}_ppm"), ""
+            if ppm := (background or {}).get(gas.name, 0.0):
+                mass, share, above = None, None, f", above the background of {ppm:g} ppm"
+                self.backgrounds |= {name: {BACKGROUND: ppm} for name in variables}
+            known[variables[0]] = ("kg m-3", f"concentration of {gas.name}{above}", mass)
+            known[variables[1]] = (
+                "ppm",
+                f"mole fraction of {gas.name} at 25 degrees and 1 atm{above}",
+                share,
+            )
         self.time = self._array("time", ("time",), np.empty(0), (TIMES,), known)
         self.moving = {}
         for name in names:
@@ -118,7 +129,9 @@ class NewFilm:
         chunks: tuple[int, ...] | None,
         known: Known,
     ) -> Array:
-        return zarr_groups.add(self.group, name, dims, values, _facts(name, known), chunks)
+        return zarr_groups.add(
+            self.group, name, dims, values, _facts(name, known) | self.backgrounds.get(name, {}), chunks
+        )
 
     def append(self, t: float, frame: Mapping[str, np.ndarray]) -> None:
         """Append a frame at time t [s]; frame: array of every time-dependent variable, by name."""

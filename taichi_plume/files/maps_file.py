@@ -4,7 +4,7 @@ Map n of the scenario is the group "n". Attributes are kind and parameters of th
 `groups`: names of the robot groups whose readings made the map, their first trial and number of trials. Variables are
 float32 in the order (trial, y, x), NaN where nothing is known:
 
-    estimate    [ppm]   estimated concentration
+    estimate    [ppm]   estimated concentration, as the truth above the background (attribute background_ppm)
     variance    [ppm²]  of the estimate; of maps that provide a variance
     weight      [1]     support of the estimate by readings, in the method's own measure
     truth       [ppm]   mean of the gas since the robots started, at the height of their sensors; equal in all trials

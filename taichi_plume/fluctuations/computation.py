@@ -193,7 +193,13 @@ def _compared_sensors(
         )
     mox = sensor_comparison.default_mox(several)
     found = sensor_comparison.compare_sensors(
-        several, settings.gas, step, even, settings.threshold, store=mox
+        several,
+        settings.gas,
+        step,
+        even,
+        settings.threshold,
+        store=mox,
+        background=record.backgrounds[f"{settings.gas}_ppm"],
     )
     if step > bouts.LONGEST_STEP:
         notes.append(

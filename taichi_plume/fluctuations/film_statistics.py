@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.files.film import Film, places
+from taichi_plume.files.film import BACKGROUND, Film, places
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.fluctuations.durations import stretches
 from taichi_plume.fluctuations.moments import weights
@@ -32,6 +32,8 @@ class FilmRecord:
         self.gases = [name.removesuffix("_ppm") for name in self.film.arrays if name.endswith("_ppm")]
         if not self.gases:
             raise RunFolderError(f"{path}: holds no gas; film it with `fields: {{rate: 10}}`")
+        attributes = {name: self.film.arrays[name].attrs for name in self.film.arrays}
+        self.backgrounds = {name: float(each.get(BACKGROUND, 0.0)) for name, each in attributes.items()}
         self.gas = chosen_gas(path, self.gases, gas)
         self.skipped = skipped_before(path, self.film.times, start, "frames")
         self.times = np.asarray(self.film.times[self.skipped :], float)

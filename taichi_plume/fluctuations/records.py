@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from taichi_plume.files import run_tables
+from taichi_plume.files.film import BACKGROUND
 from taichi_plume.files.run_folder import RunFolderError
 
 FEWEST = 16
@@ -53,6 +54,8 @@ class Record(Protocol):
     times: np.ndarray
     """Times of the samples, (n,) [s]."""
     probes: list[Probe]
+    backgrounds: dict[str, float]
+    """Concentration in clean air, above which a gas counts [ppm], by the name of its column; 0 for other columns."""
 
     def values(self, points: np.ndarray, quantity: str) -> np.ndarray:
         """Return a quantity's time series, (n, points) f32; points: ascending indices; quantity: column name."""
@@ -96,6 +99,8 @@ class ProbeRecord:
             raise RunFolderError(f"{path}: is damaged: lacks one of the columns t, probe, point, x, y")
         self.dim = len(axes)
         self.gases = [name.removesuffix("_ppm") for name in names if name.endswith("_ppm")]
+        about = {name: schema.field(name).metadata or {} for name in names}
+        self.backgrounds = {name: float(each.get(BACKGROUND.encode(), 0.0)) for name, each in about.items()}
         self.wind = [f"wind_{axis}" for axis in axes if f"wind_{axis}" in names]
         self.probes, self.size = self._layout(axes)
         self.times = self._times()
@@ -148,14 +153,17 @@ class ProbeRecord:
         return times[self.skipped :]
 
     def _chunks(self, quantity: str) -> Iterator[tuple[int, np.ndarray]]:
-        """Yield (index of the first sample, values) for chunks of a table column, without samples before `start`."""
+        """Yield (index of the first sample, values) for chunks of a table column, without samples before `start`.
+
+        Gas counts from its background on.
+        """
         done = -self.skipped
         for (values,) in self._samples([quantity]):
             chunk = values[max(0, -done) :]
             if len(chunk):
                 if not np.isfinite(chunk).all():
                     raise RunFolderError(f"{self.path}: not all of {quantity} are numbers")
-                yield max(0, done), chunk
+                yield max(0, done), chunk - np.float32(self.backgrounds[quantity])
             done += len(values)
 
     def values(self, points: np.ndarray, quantity: str) -> np.ndarray:

@@ -111,12 +111,18 @@ class _Gas(NamedTuple):
 
 
 def readings(
-    sensors: Sequence[GasSensor], gas: str, step: float, ppm: np.ndarray, seed: int = 0
+    sensors: Sequence[GasSensor],
+    gas: str,
+    step: float,
+    ppm: np.ndarray,
+    seed: int = 0,
+    background: float = 0.0,
 ) -> Iterator[np.ndarray]:
     """Yield the readings of gas sensors, (sensors, points) [ppm], at each sample of given concentrations of one gas.
 
     ppm: concentrations (n, points), `step` [s] apart, the time step of the sensors; the air before is clean. The
-    sensors are on robots that stand at the points. Starts Taichi unless it is running.
+    sensors are on robots that stand at the points. background: of the gas in clean air [ppm], above which
+    concentrations and readings count. Starts Taichi unless it is running.
     """
     from taichi_plume.agents.sensors import Sensors as Measuring
     from taichi_plume.agents.swarm import Swarm
@@ -142,12 +148,13 @@ def readings(
     ]
     places = np.zeros((points * len(groups), 2))
     places[:, 0] = np.tile(np.arange(points), len(groups))
-    swarm = Swarm(groups, places, np.zeros(len(places)), Floor(), np.empty((0, 2)), seed)
+    still = places, np.zeros(len(places)), Floor(), np.empty((0, 2)), seed
+    swarm = Swarm(groups, *still, background=background > 0.0)
     species: Any = (_Gas(gas),)
-    measuring = Measuring(swarm, 2, step, species)
+    measuring = Measuring(swarm, 2, step, species, background=(background,) if background else ())
     air: Any = Records(ti.field(ti.f32, points), species)
     for n, values in enumerate(ppm):
-        air.level.from_numpy(values)
+        air.level.from_numpy(values + np.float32(background))
         measuring.measure(air, air, n + 1, (n + 1) * step)
         yield swarm.reading.to_numpy()[: len(places)].reshape(len(groups), points)
 
@@ -160,20 +167,23 @@ def compare_sensors(
     threshold: float,
     seed: int = 0,
     store: int | None = None,
+    background: float = 0.0,
 ) -> SensorComparison:
     """Simulate gas sensors on time series (n, points) [ppm], `step` [s] apart; count the whiffs that each detects.
 
     A sensor detects a whiff if its reading rises above the threshold [ppm] during the whiff or the blank after it.
     Whiffs that the ends of the record cut do not count. store: index of a sensor whose readings at all points are
-    returned as well.
+    returned as well. background: see `readings`.
     """
     models = [sensor.model for sensor in several]
-    least = np.array([model.reads(gas, threshold) for model in models])
+    least = np.array(
+        [model.reads(gas, background + threshold) - model.reads(gas, background) for model in models]
+    )
     above = np.zeros((len(models), ppm.shape[1]), bool)
     rises = np.zeros((len(ppm), *above.shape), bool)
     first = np.zeros((len(ppm), len(models)), np.float32)
     stored = None if store is None else np.zeros(ppm.shape, np.float32)
-    for n, found in enumerate(readings(models, gas, step, ppm, seed)):
+    for n, found in enumerate(readings(models, gas, step, ppm, seed, background)):
         now = (found > least[:, None]) & (least[:, None] > 0.0)
         rises[n] = now & ~above
         above, first[n] = now, found[:, 0]

@@ -4,7 +4,7 @@ Sensors, recorder and scores access gas and wind only through these protocols. A
 recording of an earlier run are thus interchangeable, in 2-D and 3-D. Winds and gases inherit their protocol's defaults.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -199,18 +199,28 @@ class Odour(Protocol):
 
 class Mixture:
     """All gases of a run together, an `Odour`; gases of the same species add up. unresolved: see `solvers.unresolved`,
-    for each gas, None for those without.
+    for each gas, None for those without. background: uniform concentration of species in clean air [ppm], by name,
+    which adds to the gases.
     """
 
     STATE = ("gases",)
 
-    def __init__(self, gases: Sequence[Gas], unresolved: Sequence[Any] = ()):
+    def __init__(
+        self,
+        gases: Sequence[Gas],
+        unresolved: Sequence[Any] = (),
+        background: Mapping[str, float] | None = None,
+    ):
         self.gases, self.unresolved = tuple(gases), tuple(unresolved) or (None,) * len(gases)
         self._stirred = tuple(g for g, each in enumerate(self.unresolved) if each is not None)
         self.fluctuates = bool(self._stirred)
         self.species = tuple(dict.fromkeys(gas.species for gas in gases))
         self._which = tuple(self.species.index(gas.species) for gas in gases)
         self._ppm_per_density = ti.filled([gas.species.ppm_per_density for gas in gases])
+        self.background = tuple((background or {}).get(species.name, 0.0) for species in self.species)
+        self.has_background = any(self.background)
+        if self.has_background:
+            self._background = ti.filled(self.background, ti.f32)
 
     def advance(self, t: float, dt: float) -> None:
         """Advance all gases from time t to t + dt [s]."""
@@ -224,6 +234,15 @@ class Mixture:
     @ti.func
     def ppm(self, x: Template, t: float):
         """Return the mole fraction [ppm] of each species, as a vector, at point x [m] and time t [s]."""
+        result = self.excess(x, t)
+        if ti.static(self.has_background):
+            for s in ti.static(range(len(self.species))):
+                result[s] += self._background[s]
+        return result
+
+    @ti.func
+    def excess(self, x: Template, t: float):
+        """Return the mole fraction [ppm] of each species above its background at point x [m] and time t [s]."""
         result = ti.Vector.zero(ti.f32, ti.static(len(self.species)))
         for g in ti.static(range(len(self.gases))):
             result[self._which[g]] += self.gases[g].concentration(x, t) * self._ppm_per_density[g]
@@ -341,8 +360,8 @@ def _sample(
             u = source.velocity(x, t)
             for d in ti.static(range(dim)):
                 out[n, d] = u[d]
-        elif ti.static(kind == "ppm"):
-            ppm = source.ppm(x, t)
+        elif ti.static(kind in ("ppm", "excess")):
+            ppm = source.ppm(x, t) if ti.static(kind == "ppm") else source.excess(x, t)
             for s in ti.static(range(len(source.species))):
                 out[n, s] = ppm[s]
         else:
@@ -359,6 +378,11 @@ def _sampled(kind: str, source: object, points: np.ndarray, t: float, width: int
 def ppm_at(gas: Mixture, points: np.ndarray, t: float) -> np.ndarray:
     """Return the mole fraction [ppm] of each species at points (..., dim) [m] and time t [s], (..., species)."""
     return _sampled("ppm", gas, points, t, len(gas.species))
+
+
+def excess_at(gas: Mixture, points: np.ndarray, t: float) -> np.ndarray:
+    """Return the mole fraction [ppm] of each species above its background at points (..., dim) [m], time t [s]."""
+    return _sampled("excess", gas, points, t, len(gas.species))
 
 
 def concentration_at(gas: Gas, points: np.ndarray, t: float) -> np.ndarray:

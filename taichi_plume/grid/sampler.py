@@ -13,7 +13,7 @@ from taichi_plume.grid.grid import Grid
 class Sampler:
     """Sampler of wind [m/s], mole fraction of each gas species [ppm] and cell fields at fixed points (n, dim) [m].
 
-    solid: mask of the cells that hold no air, of the grid's shape.
+    solid: mask of the cells that hold no air, of the grid's shape. excess: whether gas counts from its background on.
     """
 
     def __init__(
@@ -24,7 +24,9 @@ class Sampler:
         cells: Sequence[Field],
         solid: np.ndarray,
         grid: Grid,
+        excess: bool = False,
     ):
+        self.excess = excess
         self.grid, self.dim = grid, grid.dim
         self.wind, self.gas, self.cells = wind, gas, tuple(cells)
         self.points = np.ascontiguousarray(points, np.float32)
@@ -50,7 +52,7 @@ class Sampler:
             u = self.wind.velocity(x, t)
             for d in ti.static(range(self.dim)):
                 out[d, n] = u[d]
-            ppm = self.gas.ppm(x, t)
+            ppm = self.gas.excess(x, t) if ti.static(self.excess) else self.gas.ppm(x, t)
             for s in ti.static(range(self.species)):
                 out[self.dim + s, n] = ppm[s]
             for c in ti.static(range(len(self.cells))):

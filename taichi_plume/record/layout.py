@@ -13,7 +13,7 @@ from taichi_plume.record.drawing import TIME
 from taichi_plume.record.legends import TICKS, TITLE
 from taichi_plume.record.placement import Stage, placed
 from taichi_plume.record.planes import Plane
-from taichi_plume.record.scales import Quantity
+from taichi_plume.record.scales import ABOVE, Quantity
 from taichi_plume.record.scene import beside
 from taichi_plume.scoring.beliefs import believers
 from taichi_plume.scoring.declarations import may_declare
@@ -335,9 +335,10 @@ def _plots(robots: list[str], sim: TimeLoop) -> list[Part]:
         _series(f"/decisions/{each.name}", title_of(each.name, each.unit), legend)
         for each in sim.decision_columns()
     ]
+    sensors = f"Gas sensors{ABOVE if sim.gas.has_background else ''} [ppm]"
     lanes = [f"/states/{name}" for name in robots[:MOST_LANES]]
     return [
-        _tabs([_series("/sensors", "Gas sensors [ppm]", legend), *decided]),
+        _tabs([_series("/sensors", sensors, legend), *decided]),
         rrb.StateTimelineView(origin="/states", contents=lanes, name="Behaviour"),
     ]
 

@@ -11,6 +11,7 @@ from taichi_plume.record.planes import Plane
 from taichi_plume.scenario.heat import Heat
 from taichi_plume.time_loop import TimeLoop
 
+ABOVE = " above the background"  # end of the name of a gas with a background
 NARROWEST = 1.0  # K: least width of a range of temperatures
 
 
@@ -62,7 +63,9 @@ def quantities(sim: TimeLoop) -> list[Quantity]:
 
 
 def _gas(entity: str, which: list[int], scale: Scale, sim: TimeLoop) -> Quantity:
-    """Return the summed concentration [ppm] of species as a scalar to draw; which: indices of the species."""
+    """Return the summed concentration [ppm] of species above their background as a scalar to draw; which: indices of
+    the species.
+    """
     species = [sim.gas.species[n] for n in which]
     gases = [gas for gas in sim.gas.gases if gas.species in species]
 
@@ -77,9 +80,11 @@ def _gas(entity: str, which: list[int], scale: Scale, sim: TimeLoop) -> Quantity
         return total
 
     def points(sim: TimeLoop, where: np.ndarray) -> np.ndarray:
-        return fields.ppm_at(sim.gas, where, sim.t)[..., which].sum(axis=-1)
+        return fields.excess_at(sim.gas, where, sim.t)[..., which].sum(axis=-1)
 
     name = " + ".join(vapour.name for vapour in species)
+    if any(sim.gas.background[n] for n in which):
+        name += ABOVE
     finer = any(gas.finer_than_cells for gas in gases)
     details = max(gas.details for gas in gases)
     return Quantity(entity, name, "ppm", scale, "inferno", cells, points if finer else None, details)

@@ -132,7 +132,7 @@ class Tracks:
             return
         now = sim.swarm.snapshot()
         k = self.index
-        names = ("position", "heading", "reading_ppm", "believed_position", "believed_heading")
+        names = ("position", "heading", "above_ppm", "believed_position", "believed_heading")
         altitude = now["altitude"][k] if "altitude" in now else np.zeros(len(k))
         columns = [np.full(len(k), sim.t), *(now[name][k] for name in names), altitude]
         decided = sim.decisions()

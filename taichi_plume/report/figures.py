@@ -15,7 +15,7 @@ from taichi_plume.record.drawing import Scale, decades, logarithmic
 from taichi_plume.record.recording_reader import Picture
 from taichi_plume.report import captions, plume, scene, theme
 from taichi_plume.results.run import Run
-from taichi_plume.results.tracks import Track
+from taichi_plume.results.tracks import ABOVE, Track
 
 WIDE = 7.2  # inches
 DPI = 100
@@ -72,6 +72,8 @@ def smelt(run: Run, tracks: Sequence[Track]) -> bytes:
     """
     shown, lanes = tracks[:MOST_SERIES], tracks[:MOST_LANES]
     low, high = _ends(run, shown)
+    background = sum(run.scenario.backgrounds.values())
+    above = " above the background" if background else ""
     tall = len(shown) * PLOT + len(lanes) * LANE + GAP
     below = 0.55 + 0.2 * _legend_rows(_states(lanes))
     whole = tall + below + 0.4
@@ -85,15 +87,15 @@ def smelt(run: Run, tracks: Sequence[Track]) -> bytes:
         axes.set_xlabel("time [s]")
         places, labels = _behaviour(axes, lanes)
         for n, track in enumerate(shown):
-            marks = _readings(axes, track, tall - (n + 1) * PLOT, low, high)
+            marks = _readings(axes, track, tall - (n + 1) * PLOT, low, high, background)
             places += [place for place, _ in marks]
             labels += [label for _, label in marks]
         axes.set_yticks(places, labels=labels)
         theme.verbatim(axes.get_yticklabels())
         axes.tick_params(axis="y", length=0)
         handles: list[Artist] = [
-            Patch(facecolor=theme.TRUE_GAS, label="true gas at the sensor [ppm]"),
-            Line2D([], [], color=theme.INK, label="reading of the sensor [ppm]"),
+            Patch(facecolor=theme.TRUE_GAS, label=f"true gas at the sensor{above} [ppm]"),
+            Line2D([], [], color=theme.INK, label=f"reading of the sensor{above} [ppm]"),
         ]
         if any(track.group.algorithm.threshold is not None for track in shown):
             style = {"color": theme.SOURCE, "linestyle": "--", "linewidth": 0.9}
@@ -141,23 +143,31 @@ def decisions(tracks: Sequence[Track]) -> bytes | None:
 
 def _ends(run: Run, tracks: Sequence[Track]) -> tuple[float, float]:
     """Return the whole decades between which the readings are shown [ppm]."""
-    values = [track.values[key] for track in tracks for key in ("reading_ppm", "true_ppm")]
+    background = sum(run.scenario.backgrounds.values())
+    values = [
+        track.values[key] - less for track in tracks for key, less in ((ABOVE, 0.0), ("true_ppm", background))
+    ]
     largest = max((float(np.nanmax(series, initial=0.0)) for series in values), default=0.0)
     low = 10.0 ** np.floor(np.log10(run.scenario.recording.range_ppm[0]))
     return low, max(10.0 ** np.ceil(np.log10(max(largest, low))), 100 * low)
 
 
-def _readings(axes: Axes, track: Track, base: float, low: float, high: float) -> list[tuple[float, str]]:
-    """Draw a robot's true gas (area) and reading (line), logarithmic, above `base`; return the scale's marks."""
+def _readings(
+    axes: Axes, track: Track, base: float, low: float, high: float, background: float
+) -> list[tuple[float, str]]:
+    """Draw a robot's true gas (area) and reading (line) above the background [ppm], logarithmic, above `base`.
+
+    Return the scale's marks.
+    """
 
     def up(ppm: np.ndarray | float) -> np.ndarray:
         return base + (PLOT - GAP) * logarithmic(np.asarray(ppm), low, high)
 
     color = theme.robot(track.number)
     axes.axhline(base, color=theme.FAINT, linewidth=0.6)
-    t, true = thinned(track.t, track.values["true_ppm"])
+    t, true = thinned(track.t, track.values["true_ppm"] - background)
     axes.fill_between(t, up(true), base, color=theme.TRUE_GAS, linewidth=0)
-    t, reading = thinned(track.t, track.values["reading_ppm"])
+    t, reading = thinned(track.t, track.values[ABOVE])
     axes.plot(t, up(reading), color=color, linewidth=1.4, path_effects=theme.HALO)
     threshold = track.group.algorithm.threshold
     if threshold is not None:

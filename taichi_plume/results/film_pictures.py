@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.files.film import Film, FilmError
+from taichi_plume.files.film import BACKGROUND, Film, FilmError
 from taichi_plume.grid.grid import Grid
 from taichi_plume.record.drawing import Scale, arrow_places
 from taichi_plume.record.planes import Plane, Raster, planes
 from taichi_plume.record.recording_reader import ALL_TIMES, Arrows, Picture
+from taichi_plume.record.scales import ABOVE
 from taichi_plume.scenario.scenario import Scenario
 
 
@@ -59,6 +60,8 @@ class FilmPictures:
             for name, raster in rasters.items():
                 data[name].append(scale.bytes(raster.of_cells(np.asarray(ppm))).T)
         quantity = " + ".join(name.removeprefix("gas_") for name in gases)
+        if any(BACKGROUND in film.arrays[name].attrs for name in gases):
+            quantity += ABOVE
         return {
             name: Picture(
                 name, raster.plane.name, quantity, "ppm", low, high, True, raster.plane.text, raster.plane.letters,

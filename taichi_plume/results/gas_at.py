@@ -5,8 +5,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from taichi_plume.files.film import BACKGROUND
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.record.planes import planes
+from taichi_plume.record.scales import ABOVE
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -19,7 +21,8 @@ ROUNDING = 1e-5  # relative error of gas in fields.zarr
 def gas_at(run: "Run", x: float, y: float, z: float | None = None) -> "xr.Dataset":
     """Return the concentration of each gas [ppm] over time at a position [m]; z: of 3-D runs.
 
-    It is linear between the centres of the cells that hold air, as the robots and probes of a run measure it.
+    It is linear between the centres of the cells that hold air, as the robots and probes of a run measure it, with the
+    background, which fields and pictures do not contain.
     Concentrations from pictures are of all gases together. They are 0 below the range of the colours and NaN above. The
     attributes `relative_precision` and `absolute_precision` [ppm] add up; beside obstacles pictures are less precise.
     """
@@ -60,7 +63,11 @@ def _of_fields(run: "Run", place: list[float]) -> "xr.Dataset":
     air = data.drop_vars("air")
     result = (air.fillna(0.0) * weight).sum(["x", "y", "z"][: len(place)]) / weight.sum()
     for name in names:
-        result[name].attrs = fields[name].attrs | {"relative_precision": ROUNDING, "absolute_precision": 0.0}
+        attributes = fields[name].attrs | {"relative_precision": ROUNDING, "absolute_precision": 0.0}
+        if ppm := attributes.pop(BACKGROUND, 0.0):
+            result[name] += ppm
+            attributes["long_name"] = attributes["long_name"].replace("above", "with")
+        result[name].attrs = attributes
     return result.assign_coords(dict(zip("xyz", place, strict=False)))
 
 
@@ -86,6 +93,7 @@ def _of_pictures(run: "Run", place: list[float]) -> "xr.Dataset":
     (picture,) = pictures.values()
     values = picture.levels[picture.data].astype(np.float64)
     values[picture.data == 255] = np.nan
+    values += sum(run.scenario.backgrounds.values())
     centres = {"u": picture.coordinates(0), "v": picture.coordinates(1)}
     data = xr.DataArray(values, dims=("time", "v", "u"), coords={"time": picture.times, **centres})
     for axis, name in zip(plane.axes, "uv", strict=True):
@@ -96,7 +104,7 @@ def _of_pictures(run: "Run", place: list[float]) -> "xr.Dataset":
     step = levels / 255
     data.attrs = {
         "units": picture.unit,
-        "long_name": f"{picture.quantity}, decoded from the colours of the recording",
+        "long_name": f"{picture.quantity.removesuffix(ABOVE)}, decoded from the colours of the recording",
         "recorded_from": picture.low,
         "recorded_to": picture.high,
         "relative_precision": step / 2 if picture.logarithmic else 0.0,

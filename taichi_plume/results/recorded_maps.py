@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichi_plume.files import disk
+from taichi_plume.files.film import BACKGROUND
 from taichi_plume.files.json_values import json_value
 from taichi_plume.files.maps_file import MEANING
 from taichi_plume.files.readings import Readings, ReadingsError
@@ -45,8 +46,10 @@ class GasMap:
     estimate, weight, variance: arrays (nx, ny) of the estimate [ppm], its weight and its variance [ppm²] or None;
     estimate and variance are NaN where nothing is known. cell: edge of the cells [m]; size: of the floor [m]. model:
     section of the map, with the parameters chosen for the log. readings: the readings, at positions on the floor.
+    background: gas in clean air [ppm], above which estimate, scores and `readings` count.
     scores::
 
+        background_ppm              gas in clean air, above which all count
         kind, readings, left_out    kind of map; readings in the map; readings that are no number or off the floor
         forgotten                   readings in the map with less than FORGOTTEN of their weight left at the end
         chosen_for_the_log          parameters chosen so that nothing is forgotten (see `of_log`)
@@ -66,6 +69,7 @@ class GasMap:
     model: "Map"
     readings: Readings
     size: tuple[float, float]
+    background: float = 0.0
 
     @property
     def data(self) -> "xarray.Dataset":
@@ -91,7 +95,7 @@ class GasMap:
         return xarray.Dataset(
             {name: (("y", "x"), of.T, about(name)) for name, of in values.items() if of is not None},
             {name: (name, of, about(name)) for name, of in axes.items()},
-            self.model.model_dump(mode="json", exclude_none=True),
+            self.model.model_dump(mode="json", exclude_none=True) | {BACKGROUND: self.background},
         )
 
     @property
@@ -103,7 +107,8 @@ class GasMap:
         elif peak["x_m"] is None:
             line = "no gas: 0 ppm in all known cells"
         else:
-            line = f"peak {peak['ppm']:.3g} ppm at ({peak['x_m']:.2f}, {peak['y_m']:.2f}) m"
+            above = f" above {self.background:g} ppm" if self.background else ""
+            line = f"peak {peak['ppm']:.3g} ppm{above} at ({peak['x_m']:.2f}, {peak['y_m']:.2f}) m"
         return [line, _used(self.scores, self.model.times)]
 
     def plot(self, *, ax: "Axes | None" = None, figsize: tuple[float, float] | None = None) -> "Figure":
@@ -182,9 +187,15 @@ def _is_map(folder: Path) -> bool:
 
 
 def map_of(
-    readings: Readings, model: "Map", size: tuple[float, float], sources: np.ndarray | None = None
+    readings: Readings,
+    model: "Map",
+    size: tuple[float, float],
+    sources: np.ndarray | None = None,
+    background: float = 0.0,
 ) -> GasMap:
-    """Return a gas map of recorded readings. size: of the floor [m]; sources: true positions (m, 2) [m], for scores.
+    """Return a gas map of recorded readings above a background [ppm], which they do not contain.
+
+    size: of the floor [m]; sources: true positions (m, 2) [m], for scores.
 
     Starts Taichi unless it runs. Snapshots end at multiples of the window since t = 0, or since the first reading if
     the window was chosen for the log. The last snapshot is mapped, but its forecast is not scored.
@@ -223,6 +234,7 @@ def map_of(
         peak["to_source_m"] = float(peak_distance(estimate, gas_map.cell, sources)[0])
     scores = {
         "kind": model.kind,
+        BACKGROUND: background,
         "readings": int(counted.sum()),
         "forgotten": None if np.isnan(left).any() else int((left < FORGOTTEN).sum()),
         "left_out": int((~counted).sum()),
@@ -238,7 +250,7 @@ def map_of(
         "nlpd_median": float(np.median(nlpd)) if nlpd.size else None,
     }
     variance = np.asarray(gas_map.variance())[0] if isinstance(gas_map, Uncertain) else None
-    return GasMap(gas_map.cell, estimate[0], weight[0], variance, scores, model, readings, size)
+    return GasMap(gas_map.cell, estimate[0], weight[0], variance, scores, model, readings, size, background)
 
 
 def of_log(model: "Map", readings: Readings, size: tuple[float, float]) -> tuple["Map", dict[str, Any]]:

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 MOST_ROBOTS = 50
 COLUMNS = ("x", "y", "heading", "reading_ppm", "true_ppm", "believed_x", "believed_y", "found")
+ABOVE = "above_ppm"
+"""Column with the reading above clean air; equal to `reading_ppm` in tables of runs without a background."""
 MORE = {"declared_x": np.nan, "declared_y": np.nan, "declarations": 0, "false_declarations": 0, "z": 0.0}
 """Columns that a table may lack, and their values then: z of ground robots, declarations in older tables."""
 
@@ -92,6 +94,7 @@ def _track(rows: pa.Table, name: str, number: int, group: "Group") -> Track:
     values = {key: rows[key].to_numpy() for key in COLUMNS}
     for key, none in MORE.items():
         values[key] = rows[key].to_numpy() if key in rows.column_names else np.full(len(rows), none)
+    values[ABOVE] = rows[ABOVE].to_numpy() if ABOVE in rows.column_names else values["reading_ppm"]
     unit = units(rows.schema)
     decided = {key: unit[key] for key in decisions(rows.schema)}
     values |= {key: rows[key].to_numpy() for key in decided}
@@ -109,7 +112,7 @@ def _table(path: Path, first: dict[str, int], share: int) -> pa.Table | None:
     if not path.exists() and not stream_of(path).exists():
         return None
     batches = unverified(
-        path, ["t", "group", "trial", "robot", "state", *COLUMNS], [*MORE, *decisions(schema_in(path))]
+        path, ["t", "group", "trial", "robot", "state", *COLUMNS], [ABOVE, *MORE, *decisions(schema_in(path))]
     )
     return pa.concat_tables(_firsts(pa.Table.from_batches([batch]), first, share) for batch in batches)
 

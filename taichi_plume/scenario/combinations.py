@@ -279,13 +279,15 @@ def _smells(path: str, group: Group, context: Context) -> Iterator[str]:
         if sensor.gives == "integral":
             yield f"{key}: {threshold:g} counts in ppm m, the unit of the laser; or use sensors.gas.gives: mean"
         return
+    gases = context.scenario.backgrounds
+    clean = sum(sensor.reads(name, ppm) for name, ppm in gases.items())  # about, in the background
     if isinstance(sensor, MoxSensor):
         c0, b = sensor.reading_curve
-        per_ln_r = c0 / b  # ppm, in clean air
+        per_ln_r = (c0 + clean) / b  # ppm, in clean air
         noise = hypot(sensor.noise / sqrt(sensor.averaged), sensor.reading_noise) * per_ln_r
     else:
         noise = sensor.noise_ppm / sqrt(sensor.averaged)
-        if threshold < sensor.detection_limit_ppm:
+        if threshold + clean < sensor.detection_limit_ppm:
             limit = sensor.detection_limit_ppm
             yield f"{key}: {threshold:g} ppm is below sensors.gas.detection_limit_ppm: {limit:g} ppm; raise it"
     if threshold < PEAK * noise:
@@ -295,7 +297,9 @@ def _smells(path: str, group: Group, context: Context) -> Iterator[str]:
         )
     peaks = _peaks(context)
     if peaks:
-        most = max(sensor.reads(gas.vapour.name, sum(peaks)) for _, gas in context.scenario.gases)
+        most = max(
+            sensor.reads(name, ppm + sum(peaks)) - sensor.reads(name, ppm) for name, ppm in gases.items()
+        )
         if threshold > most:
             yield f"{key}: {threshold:g} ppm is more than a reading at the source, about {most:.2g} ppm; lower it"
 

@@ -210,6 +210,12 @@ class TdlasSensor(GasSensor):
 
     def warnings(self, where: str, context: Context) -> Iterator[str]:
         gases = sorted({gas.vapour.name for _, gas in context.scenario.gases})
+        most = context.scenario.backgrounds.get(self.species, 0.0) * self.range
+        if most > self.largest_ppm_m:
+            yield (
+                f"{where}.largest_ppm_m: {self.largest_ppm_m:g} ppm m is less than the background along the whole "
+                f"beam, {most:g} ppm m; raise it, or lower range"
+            )
         if self.species not in gases:
             there = f"the gas is {', '.join(gases)}" if gases else "there is no gas"
             yield f"{where}.species: '{self.species}' is not in the air of this scenario, {there}"

@@ -167,6 +167,8 @@ class PlaybackGas(OneGas, Playback):
     kind: Literal["playback"]
     species: AnySpecies | None = None  # type: ignore[assignment]
     """Species of the gas; unless given, the recorded one."""
+    background: si.Concentration | None = None  # type: ignore[assignment]
+    """Concentration of the species in clean air, which the record does not contain; unless given, that of its run."""
     sources: tuple[Source, ...] = ()
     """Places that robots search for; unless given, the recorded ones."""
 
@@ -213,7 +215,16 @@ class MixtureGas(Model):
 
     def errors(self, where: str, context: Context) -> Iterator[str]:
         names: dict[str, Species] = {}
+        backgrounds: dict[str, tuple[str, float]] = {}
         for path, gas in self.alone(where):
+            first, ppm = backgrounds.setdefault(gas.vapour.name, (path, gas.background or 0.0))
+            if ppm and gas.background and gas.background != ppm:
+                yield (
+                    f"{path}.background: {gas.background:g} ppm, but {first}.background is {ppm:g} ppm; the "
+                    f"air has one background of {gas.vapour.name}, give it once"
+                )
+            elif not ppm:
+                backgrounds[gas.vapour.name] = path, gas.background or 0.0
             other = names.setdefault(gas.vapour.name, gas.vapour)
             if other != gas.vapour:
                 yield f"{path}.species.name: '{other.name}' is another species of this scenario; use another name"

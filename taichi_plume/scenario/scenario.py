@@ -243,6 +243,14 @@ class Scenario(Model):
         """All gases of a single species with their paths in the scenario, such as ``gas.parts[0]``."""
         return self.gas.alone("gas")
 
+    @property
+    def backgrounds(self) -> dict[str, float]:
+        """Concentration of each species in clean air [ppm], by the name of the species; see `OneGas.background`."""
+        known: dict[str, float] = {}
+        for _, gas in self.gases:
+            known[gas.vapour.name] = max(known.get(gas.vapour.name, 0.0), gas.background or 0.0)
+        return known
+
     def with_gases(self, others: Mapping[str, PureGas]) -> "Scenario":
         """Return a copy of the scenario in which the gases at the paths in `others` are replaced."""
         if not others:

@@ -277,6 +277,8 @@ def _gas(scenario: Scenario) -> Iterator[tuple[str, str]]:
             text += f", {_about(rate, 'kg/s')} while on"
             if inflow > 0:
                 text += f": {rate / inflow * gas.vapour.ppm_per_density:.2g} ppm if all air is well mixed"
+        if background := scenario.backgrounds[gas.vapour.name]:
+            text += f"; above a background of {background:g} ppm"
         texts.append(text)
     if len(texts) > 1 and len(set(texts)) == 1:
         yield "gas", f"{len(texts)} parts, each {texts[0]}"

@@ -190,6 +190,12 @@ class OneGas(Model):
     species: AnySpecies = "ethanol"
     """Species of the gas, by name or by the data of another one. It decides the ppm of a kg, the diffusion, and whether
     the gas sinks or rises."""
+    background: si.Concentration = 0.0
+    """Concentration of the species in clean air, the same everywhere and always, such as 420 ppm of carbon dioxide.
+    Gas sensors and probes measure the sum of background and sources. Robots know the background, as a sensor is zeroed
+    in clean air: their thresholds, and gas maps and fields, count from the background on. Weight, uptake by surfaces
+    and the keys `inflow` and `initial` concern the gas above the background alone. Gases of one species share one
+    background."""
 
     @model_validator(mode="before")
     @classmethod

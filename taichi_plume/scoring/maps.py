@@ -72,13 +72,16 @@ class MapSeries:
         return self.rows.values.reshape(shape)[:, NAMES.index(name)]
 
     def sample(self, sim: TimeLoop, gas: np.ndarray) -> None:
-        """Add the true gas [ppm], (nx, ny), and the robots' readings; at the end of a snapshot, score the map."""
+        """Add the true gas above the background [ppm], (nx, ny), and the robots' readings.
+
+        At the end of a snapshot, score the map.
+        """
         self.sum += gas
         self.looks += 1
         if self.expected and len(self.trial):
             now = sim.swarm.snapshot()
             expects = scores.Prediction(self.expected[0], self.expected[1], self.cell, self.extent)
-            self._add_surprise(expects.surprise(self.trial, now["believed_position"], now["reading_ppm"]))
+            self._add_surprise(expects.surprise(self.trial, now["believed_position"], now["above_ppm"]))
         if int((sim.t + 1e-6) / self.period) > self.ended:
             self.ended = int((sim.t + 1e-6) / self.period)
             self._score(sim.t)

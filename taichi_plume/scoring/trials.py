@@ -37,14 +37,16 @@ class MapScore:
 
 
 def true_gas(sim: TimeLoop, cell: float, shape: tuple[int, int]) -> np.ndarray:
-    """Return the mean true concentration [ppm] of each map cell at the height of the gas sensors, (nx, ny)."""
+    """Return the mean true concentration above the background [ppm] of each map cell at the height of the gas sensors,
+    (nx, ny).
+    """
     n = min(SAMPLES, max(1, ceil(cell / sim.grid.dx - 1e-9)))
     axes = [(np.arange(count * n) + 0.5) * cell / n for count in shape]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     points = np.minimum(points, sim.grid.extent[:2])  # the last cell may extend beyond the edge
     if sim.grid.dim == 3:
         points = np.concatenate([points, np.full((*points.shape[:2], 1), sensor_height(sim))], axis=-1)
-    ppm = fields.ppm_at(sim.gas, points, sim.t).sum(axis=-1)
+    ppm = fields.excess_at(sim.gas, points, sim.t).sum(axis=-1)
     return block_mean(ppm, n)
 
 

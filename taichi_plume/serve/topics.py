@@ -39,7 +39,7 @@ from taichi_plume.files.ros_robots import (
     transform,
     wind_fields,
 )
-from taichi_plume.grid.fields import ppm_at
+from taichi_plume.grid.fields import excess_at
 from taichi_plume.time_loop import TimeLoop
 
 MOST_ROBOTS = 64
@@ -216,8 +216,8 @@ class View:
         return ros.message(TRANSFORMS, transforms=places)
 
     def _gas(self, n: int, t: float) -> object:
-        """Return the ROS message with the concentration of species n as points, at time t [s]."""
-        ppm = ppm_at(self.sim.gas, self.points, t)[:, n]
+        """Return the ROS message with the concentration of species n above its background as points, at time t [s]."""
+        ppm = excess_at(self.sim.gas, self.points, t)[:, n]
         there = ppm >= LEAST
         x, y = self.places[there].T
         columns = {"x": x, "y": y, "z": np.full(len(x), self.height), "ppm": ppm[there]}
