@@ -1,11 +1,23 @@
 """Opening of arrays in files of other programs by their content: Zarr, NetCDF, HDF5, MATLAB 7.3 and NumPy."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from taichi_plume.files.stored_arrays import MOST_ALONG, ArrayFileError, StoredArray, chosen, cubes, plain
+from taichi_plume.files.stored_arrays import (
+    ArrayFileError,
+    Beside,
+    StoredArray,
+    chosen,
+    cubes,
+    flat,
+    groups_of,
+    is_beside,
+    plain,
+)
 from taichi_plume.files.zarr_groups import FAULTS, Group, GroupError
 from taichi_plume.guard.safe_open import open_regular, unopenable
 
@@ -18,6 +30,7 @@ CODECS = frozenset(
     }
 )
 """Codecs of Zarr 2 and 3 whose decoded size is bounded. Pickle, for example, would execute code in the file."""
+MOST_GROUPS = 1000  # of a Zarr store
 
 
 def open_array(path: Path, variable: str | None, usual_names: Sequence[str] = ()) -> StoredArray:
@@ -35,7 +48,7 @@ def open_array(path: Path, variable: str | None, usual_names: Sequence[str] = ()
     if begin.startswith(NPY):
         _require_unnamed(path, variable)
         array = np.lib.format.open_memmap(path, mode="r")
-        return StoredArray(array, (1, *array.shape[1:]), "NumPy", {}, {}, ("",) * array.ndim, {})
+        return StoredArray(array, (1, *array.shape[1:]), "NumPy", axes=("",) * array.ndim)
     if begin.startswith((HDF5, MATLAB)):
         from taichi_plume.files.hdf5_arrays import open_hdf5
 
@@ -51,36 +64,73 @@ def _require_unnamed(path: Path, variable: str | None) -> None:
 
 
 def _zarr(path: Path, variable: str | None, usual: Sequence[str]) -> StoredArray:
-    parent, _, name = (variable or "").rpartition("/")
     try:
-        group = Group(path, parent, formats=(2, 3), codecs=CODECS)
+        groups = _zarr_groups(path)
     except GroupError as error:
         raise ArrayFileError(str(error)) from None
     except FAULTS:
         raise ArrayFileError(f"{path}: is neither an array nor a group of Zarr that can be read") from None
-    if group.names == [""]:
+    given, name = (variable or "").strip("/") or None, ""
+    if groups[""].names == [""]:
         _require_unnamed(path, variable)
     else:
-        names = group.names if variable else cubes({each: _shape(group, each) for each in group.names})
-        name = chosen(path, names, name or None, usual)
-    array = group[name]
-    attributes = plain(dict(array.attrs))
-    if isinstance(attributes.get("_FillValue"), str):  # xarray's form in Zarr 3
+        names = [f"{place}/{each}".strip("/") for place, group in groups.items() for each in group.names]
+        shapes = {each: _shape(*_within(groups, each)) for each in names}
+        name = chosen(path, sorted(names) if given else cubes(shapes), given, usual)
+    group, own = _within(groups, name)
+    array = group[own]
+    axes = _zarr_axes(array) or ("",) * array.ndim
+    beside, of_file = {}, {}
+    for place in groups_of(name):
+        group = groups[place]
+        of_file |= plain(group.attributes)
+        for each in {*group.names} - {own, ""}:
+            if is_beside(_shape(group, each), array.shape, each in axes):
+                other = group[each]
+                values = flat(np.asarray(other[...]))
+                beside[each] = Beside(values, _zarr_attributes(other), _zarr_axes(other))
+    return StoredArray(array, array.chunks, "Zarr", _zarr_attributes(array), of_file, axes, beside, name)
+
+
+def _zarr_groups(path: Path) -> dict[str, Group]:
+    """Return the groups of a Zarr store by their paths within it, the root "" first. Raises errors of `Group`."""
+    groups = {"": Group(path, formats=(2, 3), codecs=CODECS)}
+    left = [""]
+    while left and groups[""].names != [""]:
+        place = left.pop(0)
+        for child in sorted((path / place).iterdir()):
+            is_group = (child / ".zgroup").is_file() or (child / "zarr.json").is_file()
+            if is_group and child.name not in groups[place].names and len(groups) < MOST_GROUPS:
+                inner = f"{place}/{child.name}".strip("/")
+                with suppress(*FAULTS):  # a damaged group is none
+                    groups[inner] = Group(path, inner, formats=(2, 3), codecs=CODECS)
+                    left.append(inner)
+    return groups
+
+
+def _within(groups: Mapping[str, Group], name: str) -> tuple[Group, str]:
+    place, _, own = name.rpartition("/")
+    return groups[place], own
+
+
+def _zarr_axes(array: Any) -> tuple[str, ...]:
+    """Return the names of a Zarr array's axes, "" for one without; () without any."""
+    names = getattr(array.metadata, "dimension_names", None) or array.attrs.get("_ARRAY_DIMENSIONS") or ()
+    return tuple(str(name or "") for name in names) if len(names) == array.ndim and any(names) else ()
+
+
+def _zarr_attributes(array: Any) -> dict[str, Any]:
+    """Return the attributes of a Zarr array, with its fill value as xarray writes it."""
+    known = plain(dict(array.attrs))
+    known.pop("_ARRAY_DIMENSIONS", None)
+    if isinstance(known.get("_FillValue"), str):  # base64 in Zarr 3
         from xarray.backends.zarr import FillValueCoder
 
-        attributes["_FillValue"] = FillValueCoder.decode(attributes["_FillValue"], array.dtype)
-    if (
-        array.metadata.zarr_format == 2 and array.fill_value
-    ):  # as xarray writes it; a 0 counts as 0 either way
-        attributes.setdefault("_FillValue", array.fill_value)
-    axes = getattr(array.metadata, "dimension_names", None) or attributes.pop("_ARRAY_DIMENSIONS", None)
-    axes = tuple(str(axis or "") for axis in axes or [""] * array.ndim)
-    coordinates = {}
-    for axis in {*axes} & {*group.names} - {name}:
-        values = group[axis]
-        if values.ndim == 1 and values.shape[0] <= MOST_ALONG:
-            coordinates[axis] = (np.asarray(values[...]), plain(dict(values.attrs)))
-    return StoredArray(array, array.chunks, "Zarr", attributes, plain(group.attributes), axes, coordinates)
+        with suppress(*FAULTS):
+            known["_FillValue"] = FillValueCoder.decode(known["_FillValue"], array.dtype)
+    if array.metadata.zarr_format == 2 and array.fill_value:  # a 0 counts as 0 either way
+        known.setdefault("_FillValue", array.fill_value)
+    return known
 
 
 def _shape(group: Group, name: str) -> tuple[int, ...]:
@@ -96,15 +146,22 @@ def _netcdf3(path: Path, variable: str | None, usual: Sequence[str]) -> StoredAr
     file = netcdf_file(path, "r", mmap=False, maskandscale=False)  # closing a map of memory warns
     arrays = file.variables
     names = sorted(arrays) if variable else cubes({name: of.data.shape for name, of in arrays.items()})
-    array = arrays[chosen(path, names, variable, usual)]
+    own = chosen(path, names, variable, usual)
+    array = arrays[own]
     axes = tuple(str(name) for name in array.dimensions)
     beside = {
-        name: (np.array(arrays[name].data, float), plain(vars(arrays[name])["_attributes"]))
-        for name in axes
-        if name in arrays and arrays[name].data.ndim == 1 and len(arrays[name].data) <= MOST_ALONG
+        name: Beside(
+            flat(np.array(other.data)), _netcdf3_attributes(other), tuple(map(str, other.dimensions))
+        )
+        for name, other in arrays.items()
+        if name != own
+        and other.data.dtype.kind in "fiu"
+        and is_beside(other.data.shape, array.data.shape, name in axes)
     }
-    values = array.data
-    attributes = plain(vars(array)["_attributes"])
-    return StoredArray(
-        values, (1, *values.shape[1:]), "NetCDF", attributes, plain(vars(file)["_attributes"]), axes, beside
-    )
+    values, of_file = array.data, _netcdf3_attributes(file)
+    chunks = (1, *values.shape[1:])
+    return StoredArray(values, chunks, "NetCDF", _netcdf3_attributes(array), of_file, axes, beside, own)
+
+
+def _netcdf3_attributes(item: Any) -> dict[str, Any]:
+    return plain(vars(item)["_attributes"])

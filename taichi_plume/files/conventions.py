@@ -10,7 +10,7 @@ import re
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import numpy as np
@@ -39,25 +39,62 @@ SUFFIXES = {"m", "cm", "mm", "km", "in", "ft", "s", "sec", "ms", "us", "min", "h
 DAY = 86400.0  # s
 ZONE = re.compile(r"\s*(UTC|GMT)$")
 EARLIEST_DATE = 1e8  # s: larger times are those since 1970
-SINCE = re.compile(r"\s*(\w+)\s+since\s+(\d{1,4}-\d{1,2}-\d{1,2}.*)", re.IGNORECASE)
+SINCE = re.compile(r"\s*(\w+)\s+(?:since|after|from|ref|@)\s+([+-]?\d{1,4}-\d{1,2}-\d{1,2}.*)", re.IGNORECASE)
+DATE = re.compile(  # of UDUNITS: 2026-1-1 0:0:0.5 +01:00
+    r"(\d{1,4})-(\d{1,2})-(\d{1,2})(?:[T ]+(\d{1,2})(?::(\d{1,2}))?(?::(\d{1,2}(?:\.\d*)?))?)?"
+    r"\s*(?:Z|UTC|GMT|([+-])(\d{1,2}):?(\d{2})?)?",
+    re.IGNORECASE,
+)
 ROLES = {
-    "time": ("time", "t", "frame", "frames", "tau", "step"),
-    "z": ("z", "height", "altitude", "elevation", "lev", "level", "depth", "zc"),
-    "y": ("y", "row", "rows", "northing", "lat", "latitude", "yc", "projection_y_coordinate"),
+    "time": (
+        *(
+            "time",
+            "times",
+            "t",
+            "tt",
+            "nt",
+            "tau",
+            "frame",
+            "frames",
+            "nframes",
+            "step",
+            "timestep",
+            "time_step",
+        ),
+        *("valid_time", "time_counter"),
+    ),
+    "z": (
+        "z",
+        "zz",
+        "nz",
+        "zc",
+        "height",
+        "altitude",
+        "elevation",
+        "lev",
+        "level",
+        "levels",
+        "depth",
+        "bottom_top",
+    ),
+    "y": (
+        *("y", "yy", "ny", "yc", "row", "rows", "nrows", "northing", "lat", "latitude", "south_north"),
+        *("crosswind", "spanwise", "projection_y_coordinate"),
+    ),
     "x": (
-        "x",
-        "col",
-        "cols",
-        "column",
-        "columns",
-        "easting",
-        "lon",
-        "longitude",
-        "xc",
-        "projection_x_coordinate",
+        *("x", "xx", "nx", "xc", "col", "cols", "column", "columns", "ncols", "easting", "lon", "longitude"),
+        *("west_east", "downwind", "streamwise", "width", "projection_x_coordinate"),
     ),
 }
 """Names and standard names of axes."""
+BESIDE_NAMES = re.compile(  # words beside the name of an axis: x_position, grid_latitude, "position in x"
+    "(?:axis|axes|positions?|pos|coordinates?|coords?|dimensions?|dim|directions?|dir|index|idx|indices|number|numbers|"
+    "values?|grid|pixels?|distance|projection|local|cartesian|system|cell|edges?|bounds|bnds|cent(?:er|re)s?|labels?|"
+    "along|of|in|the)"
+)
+GLUED = re.compile(
+    r"(?:pos|coord|dim|idx)?([xyzt])(?:pos|coords?|dim|idx|axis|edges?|cent(?:er|re)s?)?"
+)  # xpos
 
 
 class ConventionError(ValueError):
@@ -130,12 +167,16 @@ def times_of(values: np.ndarray, written: str) -> np.ndarray:
     match = SINCE.fullmatch(written)
     if not match:
         return in_si(values, written, "s")
+    date = DATE.fullmatch(match[2].strip())
     try:
-        start = datetime.fromisoformat(re.sub(r"\s*(UTC|Z)\s*$", "+00:00", match[2].strip()))
-    except ValueError:
+        if date is None:
+            raise ValueError
+        year, month, day, hour, minute = (int(date[n] or 0) for n in range(1, 6))
+        apart = timedelta(hours=int(date[8] or 0), minutes=int(date[9] or 0))
+        start = datetime(year, month, day, hour, minute, tzinfo=UTC) + (apart if date[7] == "-" else -apart)
+        start += timedelta(seconds=float(date[6] or 0))
+    except (ValueError, OverflowError):
         raise ConventionError(f"'{written}' gives no date such as 2026-01-01 00:00:00") from None
-    if start.tzinfo is None:
-        start = start.replace(tzinfo=UTC)
     return in_si(values, match[1], "s") + start.timestamp()
 
 
@@ -203,12 +244,29 @@ def _limits(attributes: Mapping[str, Any]) -> tuple[float, float] | None:
     return None if (low, high) == (-np.inf, np.inf) else (low, high)
 
 
+def text_of(value: Any) -> str:
+    """Return an attribute that is a text, bytes, a number or an array of one of these as a text; else ""."""
+    flat = np.ravel(value)
+    one = flat[0] if len(flat) == 1 else ""
+    return (one.decode("utf-8", "replace") if isinstance(one, bytes) else str(one)).strip()
+
+
+def unit_of(attributes: Mapping[str, Any]) -> str:
+    """Return the unit in the attribute `units` or `unit`, in any case, of an array; "" without one."""
+    lower = {name.lower(): value for name, value in reversed(attributes.items())}
+    return next((text_of(lower[name]) for name in ("units", "unit") if name in lower), "")
+
+
 def stated_unit(attributes: Mapping[str, Any], of: Sequence[str]) -> str:
-    """Return the unit in an attribute whose name has "unit" and one of these words, such as spatial_unit; else ""."""
+    """Return the unit in an attribute whose name has "unit" and one of these words, such as spatial_unit; else "".
+
+    Words of one or two letters stand alone in the name, such as x_unit.
+    """
     for name, value in attributes.items():
         plain = name.lower()
-        if "unit" in plain and any(word in plain for word in of) and isinstance(value, str):
-            return value.strip()
+        parts = re.split(r"[^a-z]+", plain)
+        if "unit" in plain and any(word in (parts if len(word) < 3 else plain) for word in of):
+            return text_of(value)
     return ""
 
 
@@ -216,17 +274,21 @@ def stated_unit(attributes: Mapping[str, Any], of: Sequence[str]) -> str:
 
 
 def role_of(name: str, attributes: Mapping[str, Any] | None = None) -> str | None:
-    """Return "time", "z", "y" or "x" for an axis by CF's `axis` and `standard_name`, else by its name; None if unknown.
+    """Return "time", "z", "y" or "x" for an axis; None if unknown.
 
-    attributes: of the coordinate of this name.
+    CF's `axis` and `standard_name` decide, then the name without its unit, as in x_position or "x [mm]", then
+    `long_name`. attributes: of the coordinate of this name.
     """
     known = attributes or {}
-    letter = str(known.get("axis", "")).upper()
+    letter = text_of(known.get("axis", "")).upper()
     if letter in ("T", "Z", "Y", "X"):
         return {"T": "time"}.get(letter, letter.lower())
-    for text in (known.get("standard_name"), name):
-        plain = str(text or "").lower().rpartition("/")[2]
+    for text in (text_of(known.get("standard_name", "")), name, text_of(known.get("long_name", ""))):
+        plain = text.lower().rpartition("/")[2]
+        words = re.split(r"[\W_]+", split_unit(plain)[0])
+        bare = "_".join(word for word in words if word and not BESIDE_NAMES.fullmatch(word))
+        glued = GLUED.fullmatch(bare)
         for role, names in ROLES.items():
-            if plain in names:
+            if plain in names or bare in names or (glued and glued[1] in names):
                 return role
     return None

@@ -10,18 +10,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 
+from taichi_plume.files.conventions import text_of
 from taichi_plume.files.stored_arrays import (
-    MOST_ALONG,
     ArrayFileError,
+    Beside,
     StoredArray,
     Values,
     among,
     chosen,
     cubes,
+    flat,
+    groups_of,
+    is_beside,
     plain,
-    with_beside,
 )
 from taichi_plume.guard.sandbox import MIB, ConfinedError, ConfinedProcess, Limits
 from taichi_plume.guard.terminal import visible
@@ -29,6 +31,7 @@ from taichi_plume.guard.terminal import visible
 FILTERS = {1, 2, 3}  # gzip (deflate), shuffle, fletcher32
 SECONDS, MEMORY = 4.0, 1024 * MIB  # computing time and memory to read the names in a file
 MOST_NODES = 10_000  # groups and arrays that are looked at
+NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"  # attribute NAME of a filler
 
 
 def open_hdf5(path: Path, variable: str | None, usual: Sequence[str], is_matlab: bool) -> StoredArray:
@@ -59,23 +62,24 @@ def _layout(
     array = arrays[chosen(path, names, given, usual)]
     name = array.name.strip("/")
     _require_plain(path, array)
-    beside = {}
-    for own, whole in among(name, list(arrays)).items():
-        other = arrays[whole]
-        if (
-            other.size == max(other.shape, default=0)
-            and 1 < other.size <= MOST_ALONG
-            and other.dtype.kind in "fiu"
-        ):
-            _require_plain(path, other)
-            beside[own] = (np.ravel(other[...]), plain(dict(other.attrs)))
     axes = tuple(_axis_of(array, n) for n in range(array.ndim))
-    order = ("time", "x", "y") if is_matlab else ("time", "y", "x")
-    axes = with_beside(axes, array.shape, order, beside)
+    near = {own: arrays[whole] for own, whole in among(name, list(arrays)).items()}
+    for axis in array.dims:
+        near |= {scale.name.rpartition("/")[2]: scale for scale in axis.values()}
+    beside = {}
+    for own, other in near.items():
+        is_filler = text_of(other.attrs.get("NAME", "")).startswith(NO_VARIABLE)
+        if other.dtype.kind in "fiu" and is_beside(other.shape, array.shape, own in axes) and not is_filler:
+            _require_plain(path, other)
+            along = tuple(filter(None, (_axis_of(other, n) for n in range(other.ndim))))
+            beside[own] = Beside(flat(other[...]), plain(dict(other.attrs)), along)
     form = "MATLAB" if is_matlab else "NetCDF" if "_NCProperties" in file.attrs or any(axes) else "HDF5"
-    of_file = plain(dict(file.attrs)) | plain(dict(array.parent.attrs))
+    of_file = {}
+    for group in groups_of(name):
+        of_file |= plain(dict(file[group or "/"].attrs))
     chunks = array.chunks or (1, *array.shape[1:])
-    return name, StoredArray(None, chunks, form, plain(dict(array.attrs)), of_file, axes, beside)
+    attributes = plain(dict(array.attrs))
+    return name, StoredArray(None, chunks, form, attributes, of_file, axes, beside, name)
 
 
 def _datasets(group: Any, before: str = "") -> Iterator[tuple[str, Any]]:
@@ -97,7 +101,10 @@ def _datasets(group: Any, before: str = "") -> Iterator[tuple[str, Any]]:
 def _axis_of(array: Any, n: int) -> str:
     """Return the name of axis n of an HDF5 array, by its dimension scale or label; "" without one."""
     axis = array.dims[n]
-    return axis[0].name.rpartition("/")[2] if len(axis) else str(axis.label or "")
+    if len(axis):
+        return axis[0].name.rpartition("/")[2]
+    is_scale = array.is_scale and array.ndim == 1
+    return str(axis.label or "") or (array.name.rpartition("/")[2] if is_scale else "")
 
 
 def _require_plain(path: Path, array: Any) -> None:

@@ -1,26 +1,37 @@
 """Arrays in files of other programs, opened but not read, with the names of their axes, coordinates and attributes.
 
-Axes without names get those of coordinates beside the array, if their lengths fit in only one order. MATLAB's files
-have the axes of an array in reverse.
+The coordinate of an axis is the array of its name, or another one along it, such as x(i), also in a group above.
+Axes without names get those of arrays beside, if their lengths fit in only one order. MATLAB's files have the axes of
+an array in reverse.
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from taichi_plume.files.conventions import role_of
+from taichi_plume.files.conventions import (
+    PACKING,
+    ConventionError,
+    role_of,
+    split_unit,
+    text_of,
+    unit_of,
+    unpacked,
+)
 from taichi_plume.guard.terminal import visible
 
 Values = Any
 """An array of zarr, h5py, SciPy or NumPy."""
-Coordinate = tuple[np.ndarray, Mapping[str, Any]]
-"""Values (n,) along an axis, and attributes."""
 MOST_ALONG = 10_000_000  # values of a coordinate
 HELD = "biufUS"  # kinds of attributes that are read
+GENERIC = re.compile(r"(phony_)?dim_?\d+", re.IGNORECASE)  # names of axes that say nothing
+LISTS = ("dimensions", "dims", "axes", "dimension_names", "dimension_order")  # attributes with names of axes
 
 
 class ArrayFileError(ValueError):
@@ -28,20 +39,60 @@ class ArrayFileError(ValueError):
 
 
 @dataclass(frozen=True)
+class Beside:
+    """Array beside another, as stored: values (n,) along an axis, its edges (n + 1,) or bounds (n, 2).
+
+    axes: names of its own axes, () without names.
+    """
+
+    values: np.ndarray
+    attributes: Mapping[str, Any] = field(default_factory=dict)
+    axes: tuple[str, ...] = ()
+
+    @property
+    def is_number(self) -> bool:
+        """Whether the values only number pixels or frames: a step of 1 without a unit."""
+        return not unit_of(self.attributes) and bool((np.abs(np.diff(self.values.astype(float))) == 1).all())
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """Positions (n,) along an axis, unpacked; empty without a coordinate. unit: as stated, or in the name.
+
+    resolution: rounding error of the stored numbers, in the unit.
+    """
+
+    values: np.ndarray = field(default_factory=lambda: np.empty(0))
+    unit: str = ""
+    resolution: float = 0.0
+    attributes: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Arrangement:
+    """Order of the axes: role of each, "" for further ones of length 1. is_sure: names or lengths decide it."""
+
+    roles: tuple[str, ...]
+    is_sure: bool
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class StoredArray:
     """Array that is not read yet. chunks: shape of a chunk; a whole frame for arrays without chunks.
 
-    attributes: of the array; of_file: of its group and file. axes: name of each axis, "" where the file has none.
-    coordinates: values (n,) along an axis and their attributes, by the name of the axis. form: name of the format.
+    attributes: of the array; of_file: of its groups and file. axes: name of each axis, "" where the file has none.
+    beside: arrays that may be coordinates, by name. form: name of the format. name: of the array.
     """
 
     values: Values
     chunks: tuple[int, ...]
     form: str
-    attributes: Mapping[str, Any]
-    of_file: Mapping[str, Any]
-    axes: tuple[str, ...]
-    coordinates: Mapping[str, Coordinate]
+    attributes: Mapping[str, Any] = field(default_factory=dict)
+    of_file: Mapping[str, Any] = field(default_factory=dict)
+    axes: tuple[str, ...] = ()
+    beside: Mapping[str, Beside] = field(default_factory=dict)
+    name: str = ""
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -49,29 +100,135 @@ class StoredArray:
         return tuple(self.values.shape)
 
     def along(self, n: int) -> Coordinate:
-        """Return the coordinate of axis n; empty without one."""
-        return self.coordinates.get(self.axes[n], (np.empty(0), {}))
+        """Return the coordinate of axis n: centres, also from edges or bounds. Raises ConventionError."""
+        name, count = self.axes[n], self.shape[n]
+        found = self.beside.get(name)
+        if found is None or found.values.ndim != 1 or len(found.values) not in (count, count + 1):
+            return Coordinate()
+        values, stored = unpack(found.values, found.attributes), found.values
+        bounds = self.beside.get(text_of(found.attributes.get("bounds", "")))
+        if bounds is not None and bounds.values.shape == (count, 2):
+            values = unpack(bounds.values, {**found.attributes, **bounds.attributes}).mean(axis=1)
+        elif len(values) == count + 1:
+            values = (values[1:] + values[:-1]) / 2
+        resolution = 0.0
+        if stored.dtype.kind == "f" and len(stored):
+            largest = np.nanmax(np.abs(stored), initial=0.0)
+            resolution = float(np.spacing(stored.dtype.type(largest)))
+            resolution *= abs(float(found.attributes.get("scale_factor", 1.0)))
+        return Coordinate(
+            values, unit_of(found.attributes) or split_unit(name)[1], resolution, found.attributes
+        )
 
-    def roles(self, usual: Sequence[str]) -> tuple[tuple[str, ...], bool]:
-        """Return the role ("time", "y", "x") of each axis, "" for further ones of length 1, and whether it is stated.
+    def arranged(
+        self, usual: Sequence[str], given: Sequence[str] | None = None
+    ) -> tuple["StoredArray", Arrangement]:
+        """Return the array with axes named by their coordinates, and their roles ("time", "y", "x").
 
-        usual: roles, in the order that is assumed for axes without a known name. Raises ArrayFileError, without the
-        path, if the axes do not have each role once.
+        usual: roles, in the order that is assumed for axes without a known name. given: the order that the user gives,
+        which counts where names and lengths leave several. Raises ArrayFileError, without the path, if the axes do not
+        have each role once.
         """
-        known = [
-            role_of(name, self.coordinates.get(name, (None, {}))[1]) if name else None for name in self.axes
-        ]
+        axes = self.axes
+        if all(not axis or GENERIC.fullmatch(axis) for axis in axes):
+            axes = _listed_axes(self.attributes, len(axes)) or axes
+        known = _known_roles(axes, self.beside)
         single = [n for n, length in enumerate(self.shape) if length == 1 and known[n] not in usual]
         single.sort(key=lambda n: known[n] is None)
-        left = iter([role for role in usual if role not in known])
-        roles = [role or "" for role in known]
-        dropped = single[: max(0, len(known) - len(usual))]
-        for n, role in enumerate(known):
-            roles[n] = "" if n in dropped else role or next(left, "?")
-        if sorted(role for role in roles if role) != sorted(usual):
-            named = ", ".join(f"{name or '?'}: {n}" for name, n in zip(self.axes, self.shape, strict=True))
-            raise ArrayFileError(f"has the axes ({visible(named, 80)}); {', '.join(usual)} are wanted")
-        return tuple(roles), None not in [known[n] for n in range(len(known)) if n not in dropped]
+        dropped = single[: max(0, len(axes) - len(usual))]
+        left = [n for n in range(len(axes)) if n not in dropped]
+        orders = self._orders([(axes[n], self.shape[n], known[n]) for n in left], usual)
+        wanted = tuple(given or usual)
+        remarks = []
+        if not orders:
+            named = ", ".join(f"{name or '?'}: {n}" for name, n in zip(axes, self.shape, strict=True))
+            if given is None or len(left) != len(usual):
+                raise ArrayFileError(f"has the axes ({visible(named, 80)}); {', '.join(usual)} are wanted")
+            remarks.append(
+                f"axes: {', '.join(given)}, but the file has ({visible(named, 80)}); the key counts"
+            )
+            orders = {wanted: [None] * len(usual)}
+        order = wanted if wanted in orders else next(iter(orders))
+        if given and order != wanted:
+            remarks.append(f"axes: {', '.join(given)}, but the file has {', '.join(order)}; the file counts")
+        roles, names = [""] * len(axes), list(axes)
+        for n, role, found in zip(left, order, orders[order], strict=True):
+            roles[n] = role
+            names[n] = found or axes[n] or (role if len(orders) == 1 else "")
+            if axes[n] and not found and not known[n] and not GENERIC.fullmatch(axes[n]) and not given:
+                remarks.append(f"its axis '{visible(axes[n], 40)}' counts as {role}")
+        is_sure = len(orders) == 1 or order == given
+        return replace(self, axes=tuple(names)), Arrangement(tuple(roles), is_sure, tuple(remarks))
+
+    def _orders(
+        self, axes: Sequence[tuple[str, int, str | None]], usual: Sequence[str]
+    ) -> dict[tuple[str, ...], list[str | None]]:
+        """Return the possible orders of roles, with the array that is the coordinate of each axis, if any."""
+        if len(axes) != len(usual):
+            return {}
+        orders: dict[tuple[str, ...], list[str | None]] = {}
+        for order in itertools.permutations(usual):
+            if all(role in (known, known or role) for role, (_, _, known) in zip(order, axes, strict=True)):
+                orders[order] = [
+                    self._coordinate_of(axis, n, role) for role, (axis, n, _) in zip(order, axes, strict=True)
+                ]
+
+        def score(found: list[str | None]) -> tuple[int, int]:
+            pairs = [(name, n) for name, (_, n, _) in zip(found, axes, strict=True) if name]
+            return len(pairs), sum(len(self.beside[name].values) == n for name, n in pairs)
+
+        best = max(map(score, orders.values()), default=(0, 0))
+        return {order: found for order, found in orders.items() if score(found) == best}
+
+    def _coordinate_of(self, axis: str, count: int, role: str) -> str | None:
+        """Return the name of the array that is the coordinate of an axis in this role, if there is one."""
+        found = []
+        for name, other in self.beside.items():
+            size = len(other.values)
+            is_own = name == axis and size in (count, count + 1)
+            if other.values.ndim != 1 or not (is_own or role_of(name, other.attributes) == role):
+                continue
+            fits = size == count and other.axes in ((), (axis,))
+            edges = size == count + 1 and not {*other.axes} & {*self.axes}
+            if is_own or fits or edges:
+                found.append((size != count, other.is_number, not is_own, name))
+        return min(found)[-1] if found else None
+
+
+def unpack(values: np.ndarray, attributes: Mapping[str, Any]) -> np.ndarray:
+    """Return stored values as floats, unpacked; missing values are NaN. Numbers that are texts count.
+
+    Raises ConventionError.
+    """
+    known = dict(attributes)
+    for name in {*PACKING} & {*known} - {"_Unsigned"}:
+        if np.asarray(known[name]).dtype.kind in "USO":
+            try:
+                known[name] = np.array([float(each) for each in np.ravel(known[name])])
+            except (TypeError, ValueError):
+                text = visible(text_of(known[name]), 40)
+                raise ConventionError(f"its {name} is '{text}', which is no number") from None
+        if name in ("scale_factor", "add_offset") and np.size(known[name]) == 1:
+            known[name] = np.ravel(known[name])[0]
+    return unpacked(values, known)
+
+
+def is_beside(other: Sequence[int], shape: Sequence[int], is_axis: bool) -> bool:
+    """Return whether an array of shape `other` may be a coordinate of one of `shape`, edges or bounds.
+
+    is_axis: it has the name of an axis.
+    """
+    size = math.prod(other)
+    if not 0 < size <= MOST_ALONG:
+        return False
+    if size == max(other, default=0):
+        return is_axis or (size > 1 and any(size in (n, n + 1) for n in shape))
+    return len(other) == 2 and other[1] == 2 and other[0] in shape
+
+
+def flat(values: np.ndarray) -> np.ndarray:
+    """Return values along one axis as (n,), also MATLAB's (1, n); bounds (n, 2) stay."""
+    return values.ravel() if values.size == max(values.shape, default=0) else values
 
 
 def chosen(path: Path, names: list[str], variable: str | None, usual: Sequence[str]) -> str:
@@ -95,36 +252,20 @@ def cubes(shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
 
 
 def among(name: str, names: Sequence[str]) -> dict[str, str]:
-    """Return the arrays in the group of array `name` by their own names, other than it."""
-    group = name.rpartition("/")[0]
-    return {
-        each.rpartition("/")[2]: each for each in names if each.rpartition("/")[0] == group and each != name
-    }
+    """Return the arrays in the group of array `name` and above by their own names, other than it; near ones count."""
+    found = {}
+    for group in groups_of(name):
+        for each in names:
+            if each.rpartition("/")[0] == group and each != name:
+                found[each.rpartition("/")[2]] = each
+    return found
 
 
-def with_beside(
-    axes: Sequence[str],
-    shape: Sequence[int],
-    usual: Sequence[str],
-    beside: Mapping[str, Coordinate],
-) -> tuple[str, ...]:
-    """Return the names of axes; those without a name get that of a coordinate beside, if only one order fits."""
-    if any(axes) or len(shape) != len(usual):
-        return tuple(axes)
-    by_role: dict[str, str] = {}
-    for name, (_, attributes) in beside.items():
-        role = role_of(name, attributes)
-        if role is not None and role in usual:
-            by_role.setdefault(role, name)
-
-    def fits(order: Sequence[str]) -> bool:
-        pairs = zip(order, shape, strict=True)
-        return all(role not in by_role or len(beside[by_role[role]][0]) == n for role, n in pairs)
-
-    orders = [usual] if fits(usual) else [order for order in itertools.permutations(usual) if fits(order)]
-    return (
-        tuple(by_role.get(role, role) for role in orders[0]) if by_role and len(orders) == 1 else tuple(axes)
-    )
+def groups_of(name: str) -> Iterator[str]:
+    """Yield the paths of the groups that hold array `name`, from the root "" on."""
+    parts = name.split("/")[:-1]
+    for n in range(len(parts) + 1):
+        yield "/".join(parts[:n])
 
 
 def plain(attributes: Mapping[str, Any]) -> dict[str, Any]:
@@ -132,8 +273,42 @@ def plain(attributes: Mapping[str, Any]) -> dict[str, Any]:
     known = {}
     for key, value in attributes.items():
         value = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
-        if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in HELD:
-            known[key] = value.astype("U") if value.dtype.kind == "S" else value
+        if isinstance(value, np.ndarray) and value.dtype.kind in "SO":
+            texts = [text_of(each) for each in value.ravel()]
+            known[key] = np.array(texts) if texts else ""
+        elif isinstance(value, np.ndarray | np.generic):
+            if value.dtype.kind in HELD:
+                known[key] = value
         elif isinstance(value, str | int | float | list | tuple):
             known[key] = value
     return known
+
+
+def _known_roles(axes: Sequence[str], beside: Mapping[str, Beside]) -> list[str | None]:
+    """Return the role of each axis by its name and its coordinate's attributes; a height beside a width is y."""
+    known = [
+        role_of(name, beside[name].attributes if name in beside else {}) if name else None for name in axes
+    ]
+    lower = [name.lower() for name in axes]
+    if "width" in lower and "height" in lower and "y" not in known:
+        known[lower.index("height")] = "y"
+    return known
+
+
+def _listed_axes(attributes: Mapping[str, Any], count: int) -> tuple[str, ...] | None:
+    """Return the names of `count` axes in an attribute: a list, a text such as "time, x, y", or letters such as TYX."""
+    lower = {name.lower(): value for name, value in attributes.items()}
+    for name in LISTS:
+        value = lower.get(name, ())
+        if isinstance(value, dict):
+            continue
+        items = [
+            item.get("name", "") if isinstance(item, dict) else text_of(item) for item in np.ravel(value)
+        ]
+        if len(items) == 1:
+            items = [part for part in re.split(r"[\s,;()\[\]'\"]+", items[0]) if part]
+        if len(items) == 1 and len(items[0]) == count:
+            items = list(items[0])
+        if len(items) == count and sum(role_of(item) is not None for item in items) > 1:
+            return tuple(items)
+    return None
