@@ -15,14 +15,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from taichi_plume.files.openfoam_file import dictionary, exists, starting_macro
+from taichi_plume.files.openfoam_file import dictionary, exists, unresolved_macro
 from taichi_plume.files.wind_points import MOST_NUMBER, WindFileError
 
 TIME = re.compile(r"\d+(\.\d*)?(e[-+]?\d+)?", re.IGNORECASE)
 PROCESSOR = re.compile(r"processor(\d{1,9})")
 STEADY_SCHEMES = {"steadyState", "localEuler", "CoEuler", "SLTS"}
 """Time schemes without one time for all cells."""
-STEADY_SOLVERS = re.compile(r"simple\w*|\w*Simple\w*|potentialFoam")
+STEADY_SOLVERS = re.compile(r"simple\w*|\w*Simple\w*|\w*[pP]otentialFoam|adjoint\w*|boundaryFoam")
 MOST_NAMES = 10  # listed in a message
 
 
@@ -53,11 +53,11 @@ class Moment:
 
 def moment_of(path: Path) -> Moment | None:
     """Return the time of a case that a path names; None if it names none. Raises WindFileError on several regions."""
-    if TIME.fullmatch(path.name) and is_case(path.parent):
+    if not is_time(path):
+        return None
+    if TIME.fullmatch(path.name):
         return Moment(path.parent, path.name, _region(path.parent, path.name))
-    if TIME.fullmatch(path.parent.name) and path.name in regions(path.parent.parent):
-        return Moment(path.parent.parent, path.parent.name, path.name)
-    return None
+    return Moment(path.parent.parent, path.parent.name, path.name)
 
 
 def is_time(path: Path) -> bool:
@@ -112,43 +112,35 @@ def _series(case: Path, region: str, remarks: tuple[str, ...]) -> Series:
     late = max(names)
     if late > MOST_NUMBER:
         raise WindFileError(f"{case / names[late]}: its time is above {MOST_NUMBER:g} s")
+    remarks += tuple(
+        f"{part / name}: is left out: {part / names[float(name)]} is of the same time"
+        for name in _time_names(part, region)
+        if name != names[float(name)]
+    )
     is_steady, reason = steadiness(case, region)
-    known = sorted(names)
+    files, remark = [], ""
+    for key in sorted(names, reverse=bool(is_steady)):
+        folder = part / names[key] / region
+        if macro := unresolved_macro(folder / "U"):
+            remark = f"its internalField is a macro of OpenFOAM ({macro}), which is not resolved"
+            remarks += (f"{case / names[key] / region}: is left out: {remark}",)
+            continue
+        files.append((key, case / names[key] / region))
+        if is_steady:
+            break
+    if not files:
+        raise WindFileError(f"{folder / 'U'}: {remark}; no other time has a readable velocity")
     if is_steady:
-        for key in reversed(known):
-            if not (macro := _macro(part / names[key] / region)):
-                last, name = key, names[key]
-                break
-            remarks += (_left_out(case / names[key] / region, macro),)
-        else:
-            raise WindFileError(f"{case}: the fields of all its times are macros of OpenFOAM")
-        others = f"the last of {len(known)} times ({last:g})" if len(known) > 1 else f"its time ({last:g})"
+        last, path = files[0]
+        others = f"the last of {len(names)} times ({last:g})" if len(names) > 1 else f"its time ({last:g})"
         remarks += (
             f"{case}: is steady ({reason}): its times are iterations, no seconds; {others} is taken as a steady wind; "
             f"{case.name}/TIME names another",
         )
-        return Series([(0.0, case / name / region)], remarks)
-    files = []
-    for key in known:
-        if macro := _macro(part / names[key] / region):
-            remarks += (_left_out(case / names[key] / region, macro),)
-        else:
-            files.append((key, case / names[key] / region))
-    if not files:
-        raise WindFileError(f"{case}: the fields of all its times are macros of OpenFOAM")
+        return Series([(0.0, path)], remarks)
     if len(files) > 1 and is_steady is None:
         remarks += (f"{case}: {reason}; its times are taken as seconds",)
     return Series(files, remarks)
-
-
-def _left_out(folder: Path, macro: str) -> str:
-    return f"{folder}: is left out: its internalField is a macro of OpenFOAM ({macro}), which is not resolved"
-
-
-def _macro(folder: Path) -> str:
-    """Return the macro that stands for the velocity or eddy viscosity in a folder; "" without one."""
-    found = (starting_macro(folder / name) for name in ("U", "nut") if exists(folder / name))
-    return next((macro for macro in found if macro), "")
 
 
 def _region(case: Path, time: str = "") -> str:
@@ -212,11 +204,16 @@ def _processors(case: Path, region: str) -> list[Path]:
 
 def times(part: Path, region: str = "") -> dict[float, str]:
     """Return the names of the times of a case or processor folder that have a velocity, by their value."""
+    return {float(name): name for name in _time_names(part, region)}
+
+
+def _time_names(part: Path, region: str) -> list[str]:
+    """Return the sorted names of the folders of times that have a velocity; several may name one time (2, 2.0)."""
     try:
-        names = [entry.name for entry in part.iterdir() if TIME.fullmatch(entry.name)]
+        names = sorted(name for name in os.listdir(part) if TIME.fullmatch(name))
     except OSError as error:
         raise WindFileError(f"{part}: cannot be read: {error.strerror or error}") from None
-    return {float(name): name for name in names if exists(part / name / region / "U")}
+    return [name for name in names if exists(part / name / region / "U")]
 
 
 # ---------------------------------------------------------------- steady or transient
@@ -231,19 +228,23 @@ def steadiness(case: Path, region: str = "") -> tuple[bool | None, str]:
             schemes = _entries(system / name, faults)
     if exists(system / "controlDict"):
         control = _entries(system / "controlDict", faults)
-    solver = " ".join(str(control.get(key, "")) for key in ("application", "solver")).split()
-    if any(STEADY_SOLVERS.fullmatch(name) for name in solver):
-        return True, f"system/controlDict: application {solver[0]}"
-    scheme = _time_scheme(schemes.get("ddtSchemes"))
+    stated = (
+        " ".join(str(control.get(key, "")) for key in ("application", "solver")).replace('"', " ").split()
+    )
+    solver = next((name for name in map(os.path.basename, stated) if STEADY_SOLVERS.fullmatch(name)), "")
+    if solver:
+        return True, f"system/controlDict: application {solver}"
+    listed = schemes.get("ddtSchemes")
+    scheme = _time_scheme(listed)
     steady = sorted(STEADY_SCHEMES.intersection(scheme.split()))
     if steady:
         return True, f"system/fvSchemes: ddtSchemes {steady[0]}"
-    if scheme and not scheme.startswith(("$", "#")) and scheme != "none":
+    directive = (listed if isinstance(listed, dict) else schemes).get("#", "")
+    if scheme and not scheme.startswith(("$", "#")) and scheme != "none" and not directive:
         return False, f"system/fvSchemes: ddtSchemes {scheme}"
-    if solver and not scheme and not solver[0].startswith(("$", "#")):
-        return False, f"system/controlDict: application {solver[0]}"
-    stated = f"states ddtSchemes {scheme}" if scheme else "does not state ddtSchemes in system/fvSchemes"
-    return None, "; ".join([f"{stated}, so whether the case is steady is unknown", *faults])
+    what = f"states ddtSchemes {scheme}" if scheme else "does not state ddtSchemes in system/fvSchemes"
+    what += f" and has {directive}, which is not resolved" if directive else ""
+    return None, "; ".join([f"{what}, so whether the case is steady is unknown", *faults])
 
 
 def _entries(path: Path, faults: list[str]) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Parser of OpenFOAM files: header, lists of numbers and faces, internal fields, dictionaries; text, binary or gzipped.
 
-Macros and directives of OpenFOAM ($name, #calc, #include) are recognised, not executed.
+Macros ($name) and #include of files in the case are resolved in dictionaries and in uniform fields. Other directives
+(#calc, #codeStream, #if) are recognised, not executed.
 """
 
 import os
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.files.wind_points import WindFileError
-from taichi_plume.guard.safe_open import content_of, open_regular
+from taichi_plume.guard.safe_open import content_of, inside, open_regular
 from taichi_plume.scenario.quantities import conversion
 
 LARGEST_FILE = 1 << 30  # bytes, also once unpacked
@@ -39,8 +40,13 @@ MACRO = re.compile(
 START = 1 << 16  # bytes of a field in which its internalField begins
 LARGEST_DICTIONARY = 1 << 22
 DEEPEST = 100  # dictionaries within dictionaries
-TOKEN = re.compile(r'"[^"\n]*+"|[{};]|[^\s{};"]++')
-DIRECTIVE = re.compile(r"#\{.*?(?:#\}|\Z)|^[ \t]*+#\w[^\n]*+", re.DOTALL | re.MULTILINE)
+LONGEST_CHAIN = 10  # files that include one another
+PER_FILE = 1000  # bytes that an included file counts at least
+CODE = re.compile(r"#\{.*?(?:#\}|\Z)", re.DOTALL)
+TOKEN = re.compile(r'#\w++[ \t]*+(?:"[^"\n]*+"|[^\n{};]*+)|"[^"\n]*+"|[{};]|(?:\$\{[^\s{};]*+\}|[^\s{};"])++')
+INCLUDE = re.compile(r'#(?:include|includeIfPresent|sinclude)\s*+"?([^"]++)"?')
+FOLDER = re.compile(r"\$FOAM_CASE|\$\{FOAM_CASE\}|<case>|<(system|constant)>")
+NAME = re.compile(r"\$(?:\{[^{}]*+\}|[\w.:/]++)")  # a macro
 BOMS = {b"\xef\xbb\xbf": "utf-8", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 FIELD = re.compile(rb"internalField\s++(?:uniform\s++([^;]{1,300}+);|nonuniform\s++(?:List<\w++>)?)")
 
@@ -70,17 +76,23 @@ class FoamFile:
     def field(self, width: int, cells: int) -> np.ndarray:
         """Return the internalField as an array (cells, width); a uniform field is repeated."""
         inner = FIELD.search(self.body)
-        macro = macro_of(self.body)
+        macro, uniform = macro_of(self.body), inner[1] if inner else None
         if macro:
-            raise self.wrong(f"its internalField is a macro of OpenFOAM ({macro}), which is not resolved")
-        if inner is None:
+            uniform = _resolved_field(self.path).encode()
+            if not uniform:
+                raise self.wrong(f"its internalField is a macro of OpenFOAM ({macro}), which is not resolved")
+        elif inner is None:
             raise self.wrong("has no internalField")
-        if inner[1] is not None:
-            values = _numbers(inner[1])
-            if values is None or len(values) != width or not np.isfinite(values).all():
-                raise self.wrong(f"its internalField must be {width} numbers")
-            return np.tile(values, (cells, 1))
-        return self.numbers(width, inner.end(), cells)
+        if uniform is None:
+            return self.numbers(width, inner.end(), cells)
+        unit = UNIT.search(uniform)
+        factor = _factor(unit[1], "m/s" if width == 3 else "m^2/s") if unit else 1.0
+        values = _numbers(UNIT.sub(b" ", uniform))
+        if factor is None or values is None or len(values) != width or not np.isfinite(values).all():
+            raise self.wrong(
+                f"its internalField must be {width} numbers, in {'m/s' if width == 3 else 'm^2/s'}"
+            )
+        return np.tile(factor * values, (cells, 1))
 
     def require_dimensions(self, unit: str, quantity: str) -> bool:
         """Raise WindFileError if the field states other dimensions than those of `unit`; False without a statement.
@@ -90,18 +102,8 @@ class FoamFile:
         stated = DIMENSIONS.search(self.body)
         if stated is None:
             return False
-        text = stated[1].decode("ascii", "replace").strip()
-        exponents = _numbers(stated[1])
-        expected = EXPONENTS[unit]
-        if exponents is None:
-            fits = NAMED_DIMENSIONS.get(text) == unit
-            try:
-                fits = fits or conversion(text, unit) == (1.0, 0.0)
-            except ValueError:
-                fits = False
-        else:
-            fits = len(exponents) in (5, 7) and not exponents[5:].any() and tuple(exponents[:5]) == expected
-        if not fits:
+        if _factor(stated[1], unit) != 1.0:
+            text, expected = stated[1].decode("ascii", "replace").strip(), EXPONENTS[unit]
             whole = " ".join(map(str, (*expected, 0, 0)))
             raise self.wrong(f"its dimensions [{text}] are not those of {quantity}, [{whole}] ({unit})")
         return True
@@ -216,8 +218,25 @@ class FoamFile:
 
 EXPONENTS = {"m/s": (0, 1, -1, 0, 0), "m^2/s": (0, 2, -1, 0, 0)}
 """Exponents of kg, m, s, K and mol."""
+UNIT = re.compile(rb"\[([^\]]{0,200})\]")
 NAMED_DIMENSIONS = {"velocity": "m/s", "kinematicViscosity": "m^2/s", "viscosity": "m^2/s"}
 """Names of dimension sets in recent versions of OpenFOAM."""
+
+
+def _factor(written: bytes, unit: str) -> float | None:
+    """Return the factor to "m/s" or "m^2/s" of dimensions or a unit in an OpenFOAM file; None if they differ."""
+    text, exponents = written.decode("ascii", "replace").strip(), _numbers(written)
+    if exponents is not None:
+        fits = (
+            len(exponents) in (5, 7) and not exponents[5:].any() and tuple(exponents[:5]) == EXPONENTS[unit]
+        )
+        return 1.0 if fits else None
+    if NAMED_DIMENSIONS.get(text) == unit:
+        return 1.0
+    try:
+        return conversion(text, unit)[0]
+    except ValueError:
+        return None
 
 
 def macro_of(body: bytes) -> str:
@@ -232,8 +251,11 @@ def macro_of(body: bytes) -> str:
     )
 
 
-def starting_macro(path: Path) -> str:
-    """Return the macro that stands for the internalField of a file, by the start of the file. Raises WindFileError."""
+def unresolved_macro(path: Path) -> str:
+    """Return the macro that stands for the internalField of a file; "" if none does, or if its value is known.
+
+    Reads only the start of a file without a macro. Raises WindFileError.
+    """
     path = real_path(path)
     try:
         with open_regular(path) as file:
@@ -245,7 +267,18 @@ def starting_macro(path: Path) -> str:
             start = zlib.decompressobj(31).decompress(start, START)
         except zlib.error:
             return ""  # `open_foam` reports it
-    return macro_of(COMMENT.sub(b"", start)) if b"internalField" in start or len(start) < START else ""
+    is_whole = b"internalField" in start or len(start) < START
+    macro = macro_of(COMMENT.sub(b"", start)) if is_whole else ""
+    return "" if macro and _resolved_field(path) else macro
+
+
+def _resolved_field(path: Path) -> str:
+    """Return the values of a uniform internalField that macros state, as text; "" if they cannot be resolved."""
+    try:
+        kind, _, values = str(dictionary(path).get("internalField", "")).partition(" ")
+    except WindFileError:
+        return ""
+    return values if kind == "uniform" and not {"$", "#"} & set(values) else ""
 
 
 def _numbers(text: bytes) -> np.ndarray | None:
@@ -303,37 +336,99 @@ def without_mark(content: bytes) -> bytes:
 def dictionary(path: Path) -> dict[str, Any]:
     """Return the entries of an OpenFOAM dictionary, nested: text of a value, or a dict. Raises WindFileError.
 
-    Directives are left out; macros such as $name take the value of an entry of the same file, or stay as text.
+    Macros and #include are resolved. What cannot be resolved stays as text in a value, or is the entry "#" where it
+    stands for entries.
     """
-    _, content = _content(path, LARGEST_DICTIONARY)
-    text = DIRECTIVE.sub("", COMMENT.sub(b"", content).decode("utf-8", "replace"))
-    top: dict[str, Any] = {}
-    stack, words = [top], []
-    for token in TOKEN.findall(text):
-        if token == "{":
-            inner: dict[str, Any] = {}
-            stack[-1][" ".join(words).strip('"')] = inner
-            stack.append(inner)
-            if len(stack) > DEEPEST:
-                raise WindFileError(f"{path}: its braces are nested more than {DEEPEST} deep")
-        elif token == "}":
-            stack = stack[:-1] or [top]
-        elif token == ";":
-            if len(words) > 1:
-                values = [_resolved(word, stack) for word in words[1:]]
-                stack[-1][words[0].strip('"')] = " ".join(values)
-        else:
-            words.append(token)
-            continue
-        words = []
-    return top
+    parser = _Parser(path)
+    parser.read(path)
+    return parser.scopes[0]
 
 
-def _resolved(word: str, scopes: list[dict[str, Any]]) -> str:
-    """Return the value of a macro $name or ${name} in the innermost scope that has it; other words as they are."""
-    name = word.lstrip("$:.").strip("{}") if word.startswith("$") else ""
-    value = next((scope[name] for scope in reversed(scopes) if name in scope), word) if name else word
-    return value if isinstance(value, str) else word
+class _Parser:
+    """Parser of an OpenFOAM dictionary. scopes: the dictionaries around the entry that is read, outermost first.
+
+    left: bytes that included files and the values of macros may still have.
+    """
+
+    def __init__(self, path: Path):
+        self.path, self.left = path, LARGEST_DICTIONARY
+        self.scopes: list[dict[str, Any]] = [{}]
+        self.case = next((folder for folder in path.parents if (folder / "system").is_dir()), path.parent)
+
+    def read(self, path: Path, chain: int = 1) -> None:
+        """Add the entries of a file to the innermost scope; chain: number of files that include one another."""
+        content = COMMENT.sub(b"", _content(path, LARGEST_DICTIONARY)[1])
+        if chain > 1:
+            self._use(max(len(content), PER_FILE))
+        words: list[str] = []
+        for token in TOKEN.findall(CODE.sub("", content.decode("utf-8", "replace"))):
+            if token[0] == "#" and not words:
+                self._include(path, token.strip(), chain)
+            elif token == "{":
+                key = " ".join(words).strip('"')
+                inner = self.scopes[-1].get(key)
+                inner = self.scopes[-1][key] = inner if isinstance(inner, dict) else {}
+                self.scopes.append(inner)
+                if len(self.scopes) > DEEPEST:
+                    raise WindFileError(f"{path}: its braces are nested more than {DEEPEST} deep")
+            elif token == "}":
+                self.scopes = self.scopes[:-1] or self.scopes
+            elif token == ";":
+                self._add(words)
+            else:
+                words.append(token)
+                continue
+            words = []
+
+    def _use(self, size: int) -> None:
+        self.left -= size
+        if self.left < 0:
+            raise WindFileError(
+                f"{self.path}: has more than {LARGEST_DICTIONARY >> 20} MiB of macros and #include"
+            )
+
+    def _include(self, path: Path, directive: str, chain: int) -> None:
+        """Read the file that a directive of the file `path` includes, if it is in the case; else keep the directive."""
+        match = INCLUDE.fullmatch(directive)
+        name = FOLDER.sub(lambda tag: f"{self.case}/{tag[1] or ''}", match[1] if match else "")
+        file = path.parent / self._text(name)
+        if match and chain < LONGEST_CHAIN and inside(file, self.case) and exists(file):
+            self.read(file, chain + 1)
+        elif not directive.startswith(("#includeIfPresent", "#sinclude")):
+            self.scopes[-1]["#"] = directive
+
+    def _add(self, words: list[str]) -> None:
+        """Add the entry of these words, `key value ...` or a macro of entries, to the innermost scope."""
+        whole = self._value(words[-1]) if words and NAME.fullmatch(words[-1]) else None
+        if len(words) == 1 and words[0].startswith("$"):
+            self.scopes[-1].update(whole if isinstance(whole, dict) else {"#": words[0]})
+        elif len(words) == 2 and isinstance(whole, dict):
+            self.scopes[-1][words[0].strip('"')] = dict(whole)
+        elif len(words) > 1:
+            self.scopes[-1][words[0].strip('"')] = self._text(" ".join(words[1:]))
+        if isinstance(whole, dict):
+            self._use(len(whole))
+
+    def _text(self, text: str) -> str:
+        """Return a text with the values of its macros; those without a text as value stay."""
+
+        def value(match: re.Match[str]) -> str:
+            found = self._value(match[0])
+            self._use(len(found) if isinstance(found, str) else 0)
+            return found if isinstance(found, str) else match[0]
+
+        return NAME.sub(value, text)
+
+    def _value(self, macro: str) -> str | dict[str, Any] | None:
+        """Return the value of a macro such as $a, ${a} or $:a.b in the innermost scope that has it; None without."""
+        name = macro.strip("${}").lstrip(":./")
+        for scope in self.scopes[::-1]:
+            value: Any = scope
+            for part in [name] if name in scope else re.split("[.:/]", name):
+                value = value.get(part) if isinstance(value, dict) else None
+            if value is not None:
+                return value
+        return None
 
 
 def _content(path: Path, most: int) -> tuple[Path, bytes]:

@@ -92,7 +92,19 @@ def test_points_that_no_face_uses_do_not_count(tmp_path):
         ({"controlDict": "application potentialFoam;"}, True),
         ({"controlDict": "application buoyantPimpleFoam;", "fvSchemes": EULER}, False),
         ({"controlDict": "application foamRun; solver incompressibleFluid;", "fvSchemes": EULER}, False),
-        ({"controlDict": "application icoFoam;"}, False),
+        ({"fvSchemes": "t CoEuler; ddtSchemes { default ${t} phi 0.3; }", "controlDict": "application icoFoam;"}, True),
+        ({"fvSchemes": "old { default steadyState; } ddtSchemes { $old; }"}, True),
+        ({"fvSchemes": "all { old { default Euler; } } ddtSchemes ${all.old};"}, False),
+        ({"fvSchemes": 'ddtSchemes { #include "ddt" }', "ddt": "default steadyState;"}, True),
+        ({"fvSchemes": '#include "<system>/all"', "all": "ddtSchemes { default backward; }"}, False),
+        ({"fvSchemes": EULER, "controlDict": '#include "$FOAM_CASE/system/of"', "of": "application overPotentialFoam;"},
+         True),
+        ({"controlDict": 'application "SRFSimpleFoam";'}, True),
+        ({"controlDict": "application /usr/bin/adjointOptimisationFoam;", "fvSchemes": EULER}, True),
+        ({"controlDict": "application icoFoam;"}, None),
+        ({"fvSchemes": 'ddtSchemes { #include "away" }', "controlDict": "application pimpleFoam;"}, None),
+        ({"fvSchemes": 'ddtSchemes { default Euler; #include "../../steady" }'}, None),
+        ({"fvSchemes": "ddtSchemes { $away; }"}, None),
         ({"controlDict": "application foamRun;", "fvSchemes": "ddtSchemes { default $away; }"}, None),
         ({"fvSchemes": "}} ; { ddtSchemes"}, None),
         ({}, None),
@@ -109,6 +121,48 @@ def test_whether_a_case_is_steady(tmp_path, system, is_steady):
         assert "500" in found.remarks[0]
         assert "iterations" in found.remarks[0]
     assert played(tmp_path / "case/200").files == [(0.0, tmp_path / "case/200")]
+
+
+def test_a_dictionary_of_macros_without_end(tmp_path):
+    """Values that double from line to line, and a file that includes itself twice."""
+    (tmp_path / "system").mkdir()
+    doubled = "a0 x; " + "".join(f"a{n + 1} $a{n}$a{n};" for n in range(60))
+    for text in (doubled, '#include "fvSchemes"\n' * 2):
+        (tmp_path / "system/fvSchemes").write_text(text)
+        is_steady, reason = steadiness(tmp_path)
+        assert is_steady is None
+        assert "4 MiB of macros" in reason or text != doubled
+    assert dictionary(tmp_path / "system/fvSchemes") == {"#": '#include "fvSchemes"'}
+
+
+@pytest.mark.parametrize(
+    ("inner", "head"),
+    [("uniform ($ux 0.2 -0.3)", "ux 0.1;"), ("uniform $u", "u (0.1 0.2 -0.3);"),
+     ("uniform $of.u", '#include "include/all"'), ("uniform [m/s] (0.1 0.2 -0.3)", ""), ("$fields.U", "f 1;"),
+     ("uniform (10 20 -30) [cm/s]", "")],
+)  # fmt: skip
+def test_a_uniform_field_of_macros_and_units(tmp_path, inner, head):
+    case(tmp_path / "case", ("2",), {"fvSchemes": EULER})
+    (tmp_path / "case/0/include").mkdir(parents=True)
+    (tmp_path / "case/0/include/all").write_text("of { u (0.1 0.2 -0.3); }")
+    text = (
+        f"{head} fields {{ U uniform (0.1 0.2 -0.3); }} dimensions [0 1 -1 0 0 0 0]; internalField {inner};"
+    )
+    Writer(tmp_path / "case").write("0/U", "volVectorField", text.encode())
+    found = played(tmp_path / "case")
+    assert ([time for time, _ in found.files], found.remarks) == ([0.0, 2.0], ())
+    np.testing.assert_allclose(read(tmp_path / "case/0").velocity, np.tile([0.1, 0.2, -0.3], (24, 1)))
+
+
+def test_one_time_of_two_names_and_times_without_a_velocity(tmp_path):
+    case(tmp_path / "case", ("2.0", "2", "3"), {"fvSchemes": EULER})
+    found = played(tmp_path / "case")
+    assert [time for time, _ in found.files] == [2.0, 3.0]
+    assert any("case/2: is left out" in remark and "case/2.0" in remark for remark in found.remarks)
+    for time in ("2", "2.0", "3"):
+        Writer(tmp_path / "case").raw_field(time, "U", "uniform $U0")
+    with pytest.raises(WindFileError, match=r"case/3/U: .*\$U0"):
+        series(tmp_path / "case")
 
 
 def test_a_dictionary_of_any_form(tmp_path):
@@ -173,7 +227,7 @@ def test_a_time_of_macros_is_left_out(tmp_path, inner):
 
 def test_the_last_iteration_without_macros_is_the_steady_wind(tmp_path):
     case(tmp_path / "case", ("0", "100"), {"controlDict": "application simpleFoam;"})
-    Writer(tmp_path / "case").raw_field("100", "nut", "uniform $nut0", "0 2 -1 0 0 0 0")
+    Writer(tmp_path / "case").raw_field("100", "U", "uniform $U0")
     found = played(tmp_path / "case")
     assert [path.name for _, path in found.files] == ["0"]
     assert "case/100: is left out" in found.remarks[0]
