@@ -18,20 +18,24 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.files.openfoam_case import moment_of, times
-from taichi_plume.files.openfoam_file import exists, open_foam, real_path
+from taichi_plume.files.openfoam_case import moment_of
+from taichi_plume.files.openfoam_file import exists, open_foam, real_path, unresolved_macro
 from taichi_plume.files.wind_points import FARTHEST, FASTEST, Points, WindFileError
+from taichi_plume.grid.interpolation import SAME
 from taichi_plume.guard.safe_open import admit
 
 PARTS = ("points", "faces", "owner", "neighbour")
 
+EVEN = 0.99  # least thickness over largest of a layer of cells of a plane flow
+
 Mesh = tuple[np.ndarray, np.ndarray]
-"""Centres of cells (n, 3), and lower and upper corner (2, 3) of the points that faces use, [m]."""
+"""Centres of cells (n, 3), and of the points that faces use: lower corner, upper corner, and smallest distance along
+each axis from the mean of the centres (3, 3), [m]."""
 
 
 def read(path: Path) -> Points:
     """Return cell centres and velocities of an OpenFOAM case at the time folder `path`. Raises WindFileError."""
-    folders = _folders(path)
+    folders, has_nut = _folders(path), nut_fault(path) == ""
     velocity, eddies, remarks = [], [], []
     for mesh, fields in folders:
         size = len(_mesh(mesh)[0])
@@ -39,12 +43,10 @@ def read(path: Path) -> Points:
         if not file.require_dimensions("m/s", "a velocity"):
             remarks.append(f"{file.path}: states no dimensions; its values are taken as m/s")
         velocity.append(file.field(3, size))
-        if exists(fields / "nut"):
+        if has_nut:
             file = open_foam(fields / "nut")
             file.require_dimensions("m^2/s", "an eddy viscosity")
             eddies.append(file.field(1, size)[:, 0])
-    if eddies and len(eddies) < len(folders):
-        raise WindFileError(f"{path}: only some of its parts have a file nut")
     u = np.concatenate(velocity)
     if len(u) < 4:
         raise WindFileError(f"{path}: has {len(u)} cells, too few")
@@ -54,21 +56,38 @@ def read(path: Path) -> Points:
     place = np.concatenate([centres for centres, _ in meshes])
     corners = np.stack([box for centres, box in meshes if len(centres)])
     box = (corners[:, 0].min(axis=0), corners[:, 1].max(axis=0))
+    extent, thick, thin = np.ptp(place, axis=0), box[1] - box[0], 2.0 * corners[:, 2].min(axis=0)
+    for a in np.flatnonzero((extent <= SAME * extent.max()) & (thin < EVEN * thick)):
+        raise WindFileError(
+            f"{path}: its mesh has one layer of cells along {'xyz'[a]}, {round(thin[a], 9):.3g} to {thick[a]:.3g} m "
+            "thick: a wedge, whose flow is axisymmetric, which is not read"
+        )
     eddy_viscosity = np.maximum(np.concatenate(eddies), 0.0) if eddies else None
     return Points(path, place, u, eddy_viscosity, box, tuple(remarks[:1]), "cell centres of OpenFOAM")
 
 
 def _folders(path: Path) -> list[tuple[Path, Path]]:
-    """Return the folders (mesh, fields) of the parts of a time; a mesh that moves is refused. Raises WindFileError."""
+    """Return the folders (mesh, fields) of the parts of a time. Raises WindFileError."""
     moment = moment_of(path)
     if moment is None:
         raise WindFileError(f"{path}: is no time of a case of OpenFOAM")
-    for _, fields in moment.folders[:1]:
-        part = fields.parent if not moment.region else fields.parent.parent
-        for name in times(part, moment.region).values():
-            if exists(part / name / moment.region / "polyMesh" / "points"):
-                raise WindFileError(f"{part}: its mesh moves, which is not read")
     return moment.folders
+
+
+def nut_fault(path: Path) -> str | None:
+    """Return why the eddy viscosity of a time cannot be read; "" if it can, None if the time has none.
+
+    Raises WindFileError.
+    """
+    files = [fields / "nut" for _, fields in _folders(path)]
+    if not any(map(exists, files)):
+        return None
+    for file in files:
+        if not exists(file):
+            return f"{file}: is missing"
+        if macro := unresolved_macro(file):
+            return f"{file}: is a macro of OpenFOAM ({macro}), which is not resolved"
+    return ""
 
 
 def admit_files(path: Path) -> None:
@@ -102,7 +121,7 @@ def _mesh_of(folder: Path, _changed: tuple[int, ...]) -> Mesh:
     neighbour = open_foam(folder / "neighbour").labels()
     cells = int(max(owner.max(initial=-1), neighbour.max(initial=-1))) + 1
     if not cells and not len(ends):  # a processor without cells
-        return np.empty((0, 3)), np.empty((2, 3))
+        return np.empty((0, 3)), np.empty((3, 3))
     if (
         not len(points)
         or np.abs(points).max() > FARTHEST
@@ -120,7 +139,8 @@ def _mesh_of(folder: Path, _changed: tuple[int, ...]) -> Mesh:
     sign = np.repeat([1.0, -1.0], [len(owner), len(neighbour)])
     centres = _volumes(center[faces], sign[:, None] * area[faces], pairs, cells, folder)
     corners = points[flat]
-    return centres, np.stack([corners.min(axis=0), corners.max(axis=0)])
+    away = np.abs(corners - centres.mean(axis=0)).min(axis=0)
+    return centres, np.stack([corners.min(axis=0), corners.max(axis=0), away])
 
 
 def _sums(values: np.ndarray, into: np.ndarray, count: int) -> np.ndarray:

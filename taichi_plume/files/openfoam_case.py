@@ -89,7 +89,9 @@ def series(path: Path) -> Series | None:
 
     None if the path is none of these. Raises WindFileError.
     """
-    if is_time(path):
+    if moment := moment_of(path):
+        for part in parts(moment.case, moment.region, moment.time)[:1]:
+            _require_one_mesh(part, moment.region, float(moment.time))
         return Series([(0.0, path)])
     if path.suffix.lower() in (".foam", ".openfoam"):  # ParaView's name of the case around it
         path = path.parent
@@ -118,18 +120,20 @@ def _series(case: Path, region: str, remarks: tuple[str, ...]) -> Series:
         if name != names[float(name)]
     )
     is_steady, reason = steadiness(case, region)
-    files, remark = [], ""
+    files, fault = [], ""
     for key in sorted(names, reverse=bool(is_steady)):
         folder = part / names[key] / region
         if macro := unresolved_macro(folder / "U"):
-            remark = f"its internalField is a macro of OpenFOAM ({macro}), which is not resolved"
-            remarks += (f"{case / names[key] / region}: is left out: {remark}",)
+            what = f"its internalField is a macro of OpenFOAM ({macro}), which is not resolved"
+            fault = f"{folder / 'U'}: {what}"
+            remarks += (f"{case / names[key] / region}: is left out: {what}",)
             continue
         files.append((key, case / names[key] / region))
         if is_steady:
             break
+    _require_one_mesh(part, region, files[0][0] if is_steady and files else late)
     if not files:
-        raise WindFileError(f"{folder / 'U'}: {remark}; no other time has a readable velocity")
+        raise WindFileError(f"{fault}; no other time has a readable velocity")
     if is_steady:
         last, path = files[0]
         others = f"the last of {len(names)} times ({last:g})" if len(names) > 1 else f"its time ({last:g})"
@@ -141,6 +145,17 @@ def _series(case: Path, region: str, remarks: tuple[str, ...]) -> Series:
     if len(files) > 1 and is_steady is None:
         remarks += (f"{case}: {reason}; its times are taken as seconds",)
     return Series(files, remarks)
+
+
+def _require_one_mesh(part: Path, region: str, last: float) -> None:
+    """Raise WindFileError if a time up to `last` [s] of a case or processor folder has a mesh of its own."""
+    for name in sorted(filter(TIME.fullmatch, os.listdir(part)), key=float, reverse=True):
+        mesh = part / name / region / "polyMesh"
+        if float(name) <= last and (exists(mesh / "points") or exists(mesh / "faces")):
+            raise WindFileError(
+                f"{mesh}: is a second mesh besides constant/polyMesh: the mesh moves or changes, which is not read; a "
+                "mesh of snappyHexMesh (without -overwrite) can take the place of constant/polyMesh"
+            )
 
 
 def _region(case: Path, time: str = "") -> str:

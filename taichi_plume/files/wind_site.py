@@ -1,6 +1,7 @@
 """Imported wind (CFD results): its files, and where the simulated domain lies in their coordinates."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,8 @@ from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.interpolation import SAME, Interpolation
 from taichi_plume.grid.point_box import box_of
 from taichi_plume.scenario.imported_wind import ImportedWind
+
+LARGE = 20.0  # times the domain's size, from which on the flow may be in another unit
 
 
 class Site:
@@ -37,9 +40,15 @@ class Site:
             self.files = [(n * wind.interval, path) for n, path in enumerate(self._uniform)]
         else:
             self.files = wind_files.find(folder, wind.files, wind.interval)
-        for _, path in self.files:  # files between the first and the last are not read before the run
-            if openfoam_case.is_time(path):
-                openfoam.admit_files(path)
+        times = [path for _, path in self.files if openfoam_case.is_time(path)]
+        for path in times:  # files between the first and the last are not read before the run
+            openfoam.admit_files(path)
+        faults = {path / "nut": openfoam.nut_fault(path) for path in times}
+        self.has_nut = set(faults.values()) == {""}
+        if not self.has_nut and any(fault is not None for fault in faults.values()):
+            file, fault = next((file, fault) for file, fault in faults.items() if fault != "")
+            remark = f"nut is left out of all times: {fault or f'{file}: is missing'}; eddy_viscosity can stand for it"
+            self.remarks[remark] = None
         self.fastest, dim = 0.0, self.dim
         self.first = self._read(self.files[0][1])
         self._check(self.first)
@@ -48,6 +57,10 @@ class Site:
         corner = low if grid is None else grid.low
         self.origin = np.array(wind.origin or corner[:dim])
         self.low, self.high = low[:dim] - self.origin, high[:dim] - self.origin
+        times_larger = ((high[:dim] - low[:dim]) / np.array(extent)).min()
+        if times_larger > LARGE:
+            remark = f"the flow is {times_larger:.3g} times as large as the domain; are its points in m?"
+            self.remarks[remark] = None
         if self.first.place.shape[1] == 3:
             self.levels = (low[2], high[2])
         else:
@@ -94,6 +107,7 @@ class Site:
         wind, is_table = self.wind, False
         if openfoam_case.is_time(path):
             points = openfoam.read(path)
+            points = points if self.has_nut else replace(points, eddy_viscosity=None)
         elif gaden_winds.is_binary(path):
             if self.grid is None:
                 raise WindFileError(f"{path}: has no positions; give the grid as wind.occupancy")
@@ -178,7 +192,7 @@ def _rounded(x: float) -> str:
 
 def _one_layer(path: Path, axis: str, dim: int) -> str:
     """Return an error: the mesh has only one layer of cells along an axis that the run needs."""
-    start = f"{path}: its mesh has one layer of cells along {axis} (empty or wedge faces)"
+    start = f"{path}: its mesh has one layer of cells along {axis} (empty faces)"
     if dim == 2:
         how = " '(-90 0 0)'" if axis == "y" else " '(0 90 0)'"
         return (

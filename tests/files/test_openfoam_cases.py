@@ -1,5 +1,6 @@
 """Cases of OpenFOAM as people have them: graded, steady, decomposed with empty parts, with regions, with macros."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -320,6 +321,57 @@ def test_one_layer_of_cells_along_an_axis(tmp_path, axis):
             continue
         with pytest.raises(WindFileError, match=f"one layer of cells along {axis} .*{dim}-D run"):
             site(tmp_path, dim=dim)
+
+
+def test_a_wedge_is_no_plane_flow(tmp_path):
+    points, cells = box(
+        (4, 3, 1), lambda x: np.stack([x[..., 0], x[..., 1] + 0.5, (x[..., 2] - 0.5) * (x[..., 1] + 0.5)], -1)
+    )
+    writer = Writer(tmp_path / "case")
+    writer.mesh(points, cells)
+    writer.field("1", "U", np.full((12, 3), 0.1))
+    for dim in (2, 3):
+        with pytest.raises(WindFileError, match=r"along z, 0.5 to 1.5 m thick: a wedge"):
+            site(tmp_path, dim=dim)
+
+
+@pytest.mark.parametrize(
+    ("inner", "what"), [("uniform $nut0", r"0/nut: .*\$nut0"), ("", "0/nut: is missing")]
+)
+def test_an_eddy_viscosity_that_some_times_lack_is_left_out(tmp_path, inner, what):
+    case(tmp_path / "case", ("0", "1", "2"), {"fvSchemes": EULER})
+    for time in ("1", "2"):
+        Writer(tmp_path / "case").raw_field(time, "nut", "uniform 1e-3", "0 2 -1 0 0 0 0")
+    if inner:
+        Writer(tmp_path / "case").raw_field("0", "nut", inner, "0 2 -1 0 0 0 0")
+        assert read(tmp_path / "case/0").eddy_viscosity is None
+    found = site(tmp_path)
+    assert [found.read(path).eddy_viscosity for _, path in found.files] == [None, None, None]
+    (remark,) = found.facts().remarks
+    assert re.search(what, remark)
+    assert site(tmp_path, "case/1").first.eddy_viscosity is not None
+    assert site(tmp_path, "case/1").facts().remarks == ()
+
+
+def test_a_flow_in_another_unit_is_reported(tmp_path):
+    case(tmp_path / "case")
+    assert (
+        Site(ImportedWind(kind="imported", files="case"), (0.11, 0.07, 0.05), tmp_path).facts().remarks == ()
+    )
+    (remark,) = (
+        Site(ImportedWind(kind="imported", files="case"), (0.002, 0.0012, 0.0008), tmp_path).facts().remarks
+    )
+    assert "1e+03 times" in remark
+
+
+def test_a_second_mesh_counts_for_later_times(tmp_path):
+    """snappyHexMesh without -overwrite writes its meshes into 1, 2 and 3."""
+    case(tmp_path / "case", ("0", "5"), {"fvSchemes": EULER})
+    Writer(tmp_path / "case").write("3/polyMesh/faces", "faceList", b"0()")
+    assert played(tmp_path / "case/0").files == [(0.0, tmp_path / "case/0")]
+    for name in ("case", "case/5"):
+        with pytest.raises(WindFileError, match=r"3/polyMesh: .* snappyHexMesh"):
+            series(tmp_path / name)
 
 
 def test_a_foam_file_of_paraview_and_the_collated_form(tmp_path):
