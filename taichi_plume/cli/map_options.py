@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NoReturn, get_args
 
 from taichi_plume.cli.options import add, flag, option, whole_number
-from taichi_plume.files.bag_readings import UNITS, BagOptions
+from taichi_plume.files.bag_readings import BagOptions, Units
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import Parser
 from taichi_plume.scenario import si
@@ -103,7 +103,7 @@ def _of_bags(group: argparse._ArgumentGroup) -> None:
     option(group, "--frame", str, "NAME", "frame of positions (default: map, or else that of the poses)")
     option(group, "--sensor", whole_number(0, 1000), "N", "index in a GasSensorArray, from 0 on")
     what = "of gas, instead of the unit of the messages; plain numbers are ppm by default"
-    group.add_argument("--units", choices=tuple(UNITS), help=what)
+    group.add_argument("--units", choices=get_args(Units), help=what)
     what = "sensor whose law converts ohm to ppm (default: as in the messages)"
     group.add_argument("--model", choices=tuple(MOX_MODELS), help=what)
     what = "resistance in clean air (default: as in the messages)"

@@ -7,11 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.bags import Bag, BagError, stamp_of
 
 KIND = "tf2_msgs/msg/TFMessage"
 STATIC = "tf_static"
 DEEPEST = 100  # frames of a chain
+BODIES = ("base_link", "base_footprint")
+"""Usual names of a robot's body frame (REP 105), preferred names first."""
 
 
 class Pose(NamedTuple):
@@ -41,6 +44,13 @@ class Link:
         return np.stack(axes, axis=-1), turns(np.clip(times, self.t[0], self.t[-1]))
 
 
+class Step(NamedTuple):
+    """Step of a chain of frames: a link, from child to parent, or back if `is_inverse`."""
+
+    link: Link
+    is_inverse: bool
+
+
 class Frames:
     """Transform tree from the /tf topics of a bag. stamped: use header stamps instead of recording times."""
 
@@ -53,7 +63,7 @@ class Frames:
         fixed: set[str] = set()
         for topic, logged, message in bag.messages(*topics):
             for link in message.transforms:
-                parent, child = plain_name(link.header.frame_id), plain_name(link.child_frame_id)
+                parent, child = ros.plain_name(link.header.frame_id), ros.plain_name(link.child_frame_id)
                 if parents.setdefault(child, parent) != parent:
                     self.torn[child] = f"frame '{child}' is in '{parents[child]}' and in '{parent}'"
                 p, q = link.transform.translation, link.transform.rotation
@@ -70,50 +80,74 @@ class Frames:
             if len(table):
                 self.links[child] = Link(parents[child], t, table[:, 1:4], table[:, 4:], child in fixed)
 
-    def chain(self, frame: str, fixed: str) -> list[str] | None:
-        """Return the frames from `frame` up to, but without, its ancestor `fixed`; None if they are not connected."""
-        found, frame, fixed = [], plain_name(frame), plain_name(fixed)
-        while frame != fixed:
-            if frame in self.torn:
-                raise BagError(f"{self.path}: {self.torn[frame]}")
-            if frame not in self.links or len(found) >= DEEPEST:
-                return None
-            found.append(frame)
-            frame = self.links[frame].parent
-        return found
+    def line(self, frame: str) -> list[str]:
+        """Return a frame and its ancestors, up to one without a parent; the frame alone if frames form a loop."""
+        line = [frame]
+        while line[-1] in self.links and line[-1] not in self.torn:
+            parent = self.links[line[-1]].parent
+            if parent in line or len(line) >= DEEPEST:
+                return line[:1]
+            line.append(parent)
+        return line
+
+    def chain(self, frame: str, fixed: str) -> list[Step] | None:
+        """Return the steps from `frame` by the nearest common ancestor to `fixed`; None if they are not connected.
+
+        Raises BagError if the frame, or an ancestor on the way, has several parents.
+        """
+        up, down = self.line(frame), self.line(fixed)
+        common = next((one for one in up if one in down), None)
+        if common is None:
+            if up[-1] in self.torn:
+                raise BagError(f"{self.path}: {self.torn[up[-1]]}")
+            return None
+        back = [Step(self.links[one], True) for one in reversed(down[: down.index(common)])]
+        return [*(Step(self.links[one], False) for one in up[: up.index(common)]), *back]
 
     @property
     def names(self) -> set[str]:
         """Names of all frames in the bag's transforms."""
         return {*self.links, *(link.parent for link in self.links.values())}
 
-    def root(self, frame: str) -> str:
-        """Return the frame's ancestor that has no parent; the frame itself if there is none, or frames form a loop."""
-        at = plain_name(frame)
-        for _ in range(DEEPEST):
-            if at not in self.links or at in self.torn:
-                return at
-            at = self.links[at].parent
-        return plain_name(frame)
+    def bodies(self) -> list[str]:
+        """Return the frames that may be robots: those of usual names, or else moving ones that carry none.
 
-    def carrier(self, chain: list[str]) -> str | None:
-        """Return the body frame of a robot: a chain's first frame that moves in its parent; None if all are static."""
-        return next((frame for frame in chain if not self.links[frame].static), None)
+        Of the usual names, BODIES, the first that a frame has counts.
+        """
+        moving = [one for one in self.links if any(not self.links[up].static for up in self.line(one)[:-1])]
+        for body in BODIES:
+            if named := [one for one in moving if one.rpartition("/")[2] == body]:
+                return named
+        movers = [one for one in moving if not self.links[one].static]
+        carrying = {up for one in movers for up in self.line(one)[1:]}
+        return [one for one in movers if one not in carrying]
 
-    def pose(self, chain: list[str], times: np.ndarray, body: Pose | None = None) -> Pose:
-        """Return the pose of a chain's first frame at `times` (n,) [s], in the parent of the chain's last frame.
+    def root(self, frame: str, target: str) -> str:
+        """Return the frame `target` if `frame` leads to it, or else the frame's ancestor that has no parent."""
+        return self.line(frame)[-1] if self.chain(frame, target) is None else target
 
-        body: poses (n) in the first frame, which are returned in that parent instead.
+    def pose(self, chain: Sequence[Step], times: np.ndarray, body: Pose | None = None) -> Pose:
+        """Return the pose of a chain's first frame at `times` (n,) [s], in the frame to which the chain leads.
+
+        body: poses (n) in the first frame, which are returned in the last frame instead.
         """
         place, turn = np.zeros((len(times), 3)), Rotation.identity(len(times))
         if body is not None:
             place, turn = body.place, Rotation.from_rotvec(np.outer(body.heading, [0.0, 0.0, 1.0]))
-        for frame in chain:
-            there, turned = self.links[frame].at(times)
+        for link, is_inverse in chain:
+            there, turned = link.at(times)
+            if is_inverse:
+                turned = turned.inv()
+                there = -turned.apply(there)
             place, turn = turned.apply(place) + there, turned * turn
         x = turn.apply(np.array([1.0, 0.0, 0.0]))
         heading = np.arctan2(x[:, 1], x[:, 0])
         return Pose(place, np.where(np.isfinite(place).all(axis=1), heading, np.nan))
+
+
+def carrier(chain: Sequence[Step]) -> int | None:
+    """Return the index of a chain's first frame that moves in its parent, the robot's body; None if all are static."""
+    return next((n for n, step in enumerate(chain) if not step.link.static), None)
 
 
 def topics_for(bag: Bag, gas: str) -> list[str]:
@@ -121,8 +155,3 @@ def topics_for(bag: Bag, gas: str) -> list[str]:
     topics, parts = bag.of_kind(KIND), gas.strip("/").split("/")
     own = [topic for topic in topics if (space := topic.strip("/").split("/")[:-1]) == parts[: len(space)]]
     return own or topics
-
-
-def plain_name(frame: str) -> str:
-    """Return the name of a coordinate frame without the leading slash of ROS 1."""
-    return frame.lstrip("/")

@@ -13,8 +13,16 @@ POSES = (
     "nav_msgs/msg/Odometry",
     "geometry_msgs/msg/PoseWithCovarianceStamped",
     "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/TransformStamped",
+    *(POINTS := ("geometry_msgs/msg/PointStamped", "geometry_msgs/msg/Pose2D")),
 )
-NO_POSE = ("goal", "initialpose", "initial_pose")  # names of topics with poses that are set, not measured
+"""Accepted types of poses, preferred types first; POINTS count if a bag has no others."""
+NO_POSE = (
+    "goal",
+    "initialpose",
+    "initial_pose",
+    "clicked",
+)  # names of topics with poses that are set, not measured
 WINDS = (ros.ANEMOMETER, "geometry_msgs/msg/Vector3Stamped", "geometry_msgs/msg/TwistStamped")
 """Accepted types, preferred types first."""
 
@@ -28,7 +36,7 @@ def chosen(bag: Bag, given: Sequence[str], kinds: Sequence[str], what: str, opti
     for kind in kinds:
         topics = bag.of_kind(kind)
         if topics and kind in UNSURE:
-            return [_only(bag, topics, f"several topics that may be {what}", option)]
+            return [only(bag, topics, f"several topics that may be {what}", option)]
         if topics:
             return topics
     has = listed([f"{topic} ({kind.replace('/msg/', '/')})" for topic, kind in sorted(bag.kinds.items())])
@@ -39,25 +47,23 @@ def chosen(bag: Bag, given: Sequence[str], kinds: Sequence[str], what: str, opti
     )
 
 
+def measured_poses(bag: Bag) -> list[str]:
+    """Return the pose topics of a bag, preferred types first, and none that are set, if there are others."""
+    poses = bag.of_kind(*POSES[: -len(POINTS)]) or bag.of_kind(*POINTS)
+    poses = [topic for topic in poses if not any(word in topic.lower() for word in NO_POSE)] or poses
+    return sorted(poses, key=lambda topic: POSES.index(bag.kinds[topic]))
+
+
 def pose_topics(bag: Bag, gas: str, alone: bool) -> list[str]:
     """Return the pose topics that may be of the robot of a gas topic: those whose names share most with its name.
 
     alone: whether the bag has one robot, to which topics of enclosing namespaces, such as /amcl_pose, belong too.
     """
-    poses = bag.of_kind(*POSES)
-    poses = [topic for topic in poses if not any(word in topic.lower() for word in NO_POSE)] or poses
+    poses = measured_poses(bag)
     if not poses:
         return []
-    around = [topic for topic in poses if alone and _shared(gas, topic) == topic.strip("/").count("/")]
+    around = [topic for topic in poses if alone and shared_parts(gas, topic) == topic.strip("/").count("/")]
     return list(dict.fromkeys([*_nearest(gas, poses), *around]))
-
-
-def best_pose_topic(bag: Bag, gas: str, topics: Sequence[str]) -> str:
-    """Return that of these pose topics whose name shares most with a gas topic, preferred types first."""
-    near = _nearest(gas, topics)
-    best = min(POSES.index(bag.kinds[topic]) for topic in near)
-    near = [topic for topic in near if bag.kinds[topic] == POSES[best]]
-    return _only(bag, near, f"several topics of poses for {gas}", "--pose")
 
 
 def wind_topic_of(bag: Bag, gas: str, given: str | None) -> str | None:
@@ -66,22 +72,23 @@ def wind_topic_of(bag: Bag, gas: str, given: str | None) -> str | None:
         bag.require(given, WINDS)
         return given
     winds = bag.of_kind(ros.ANEMOMETER) or [topic for topic in bag.of_kind(*WINDS) if "wind" in topic.lower()]
-    return _only(bag, _nearest(gas, winds), f"several topics of wind for {gas}", "--wind") if winds else None
+    return only(bag, _nearest(gas, winds), f"several topics of wind for {gas}", "--wind") if winds else None
 
 
 def _nearest(gas: str, topics: Sequence[str]) -> list[str]:
     """Return those of the topics that share most leading name parts ("/a/b") with a gas topic."""
-    shared = [_shared(gas, topic) for topic in topics]
+    shared = [shared_parts(gas, topic) for topic in topics]
     return [topic for topic, count in zip(topics, shared, strict=True) if count == max(shared)]
 
 
-def _only(bag: Bag, topics: Sequence[str], several: str, option: str) -> str:
+def only(bag: Bag, topics: Sequence[str], several: str, option: str) -> str:
+    """Return the only topic in a list. Raises BagError if there are several, which `several` describes."""
     if len(topics) > 1:
         raise BagError(f"{bag.path}: has {several}, {listed(topics)}; choose with {option}")
     return topics[0]
 
 
-def _shared(a: str, b: str) -> int:
+def shared_parts(a: str, b: str) -> int:
     """Count the leading name parts, between slashes, that two topics have in common."""
     parts = list(zip(a.strip("/").split("/"), b.strip("/").split("/"), strict=False))
     return next((n for n, (mine, other) in enumerate(parts) if mine != other), len(parts))

@@ -115,7 +115,7 @@ class Bag:
             raise BagError(f"{self.path}: {topic} has no messages")
         logged, stamp, frames, values = zip(*rows, strict=True)
         table = np.array(values, float).reshape(len(rows), -1)
-        names = tuple(dict.fromkeys(frame.lstrip("/") for frame in frames if frame.strip("/")))
+        names = tuple(dict.fromkeys(filter(None, map(ros.plain_name, frames))))
         return Series(topic, np.array(stamp, float), np.array(logged, float), names, table)
 
     def require_one_frame(self, series: Series, hint: str = "") -> None:

@@ -8,7 +8,7 @@ CF conventions 1.11: `units`, `scale_factor`, `add_offset`, `_FillValue`, `missi
 
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -31,8 +31,15 @@ SENTINELS = (
 )
 """Values that loggers and models write for "no value"; the last are those of NetCDF and of climate models."""
 UNIT_AT_END = re.compile(r"^(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}]$")  # X (mm), u [ m s^-1 ]
-UNIT_AFTER = re.compile(r"^(.+?)(?:_|\s+in\s+|\s*[,/]\s*|\s+)(\S+)$")  # x_mm, x in mm, x/mm, "x, mm", x mm
-SPELLINGS = {"m_s": "m/s", "cm_s": "cm/s", "mm_s": "mm/s", "km_h": "km/h"}  # u_m_s
+BEFORE_UNIT = re.compile(r"_|\s+in\s+|\s*[,/]\s*|\s+")  # x_mm, x in mm, x/mm, "x, mm", x mm
+SPELLINGS = {
+    "m_s": "m/s",
+    "cm_s": "cm/s",
+    "mm_s": "mm/s",
+    "km_h": "km/h",
+    "mg_m3": "mg/m3",
+    "ug_m3": "ug/m3",
+}  # u_m_s
 SUFFIXES = {"m", "cm", "mm", "km", "in", "ft", "s", "sec", "ms", "us", "min", "h", "ppm", "ppb", "ppt", "m/s", "cm/s",
             "mm/s", "km/h", "mps"}  # fmt: skip
 """Units behind a name without brackets."""
@@ -132,8 +139,11 @@ def when(times: np.ndarray) -> str:
 # ---------------------------------------------------------------- units
 
 
-def split_unit(name: str) -> tuple[str, str]:
-    """Return a column's name in lower case and its unit, "" without one: "X (mm)" -> ("x", "mm")."""
+def split_unit(name: str, suffixes: Collection[str] = SUFFIXES) -> tuple[str, str]:
+    """Return a column's name in lower case and its unit, "" without one: "X (mm)" -> ("x", "mm").
+
+    suffixes: units that may stand behind a name without brackets.
+    """
     plain = " ".join(name.strip("'\"\ufeff ").split())
     match = UNIT_AT_END.match(plain)
     if match and match[1]:
@@ -142,9 +152,9 @@ def split_unit(name: str) -> tuple[str, str]:
     for unit, spelling in SPELLINGS.items():
         if lower.endswith(f"_{unit}"):
             return lower.removesuffix(f"_{unit}"), spelling
-    match = UNIT_AFTER.match(lower)
-    if match and match[2] in SUFFIXES:
-        return match[1], match[2]
+    for match in BEFORE_UNIT.finditer(lower, 1):
+        if lower[match.end() :] in suffixes:
+            return lower[: match.start()], lower[match.end() :]
     return lower, ""
 
 

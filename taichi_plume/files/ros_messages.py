@@ -111,6 +111,11 @@ def definition(name: str) -> str:
     return store().generate_msgdef(name, ros_version=2)[0]
 
 
+def plain_name(frame: str) -> str:
+    """Return the name of a coordinate frame without the leading slashes of ROS 1."""
+    return frame.lstrip("/")
+
+
 def message(name: str, /, **fields: object) -> Message:
     """Build a ROS message of type `name`. Missing fields are zero or empty; a mapping stands for a nested message.
 

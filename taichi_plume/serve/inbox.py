@@ -141,7 +141,7 @@ class Inbox:
     def _take_pose(self, n: int, stamped: RosMessage) -> None:
         if not self.placed:
             raise MalformedError("a pose, but the group takes velocities")
-        pose, frame = stamped.pose, stamped.header.frame_id.lstrip("/")
+        pose, frame = stamped.pose, ros.plain_name(stamped.header.frame_id)
         if frame not in ("", self.frame.name):
             raise MalformedError(f"a pose in frame '{visible(frame)}'; allowed: {self.frame.name}")
         place = np.array([[pose.position.x, pose.position.y]]) - self.frame.corner

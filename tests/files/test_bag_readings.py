@@ -3,6 +3,7 @@
 import shutil
 import sqlite3
 from contextlib import closing
+from dataclasses import replace
 from math import cos, pi, sin
 from typing import Any
 
@@ -236,7 +237,7 @@ def test_readings_without_poses_around_them_are_left_out(tmp_path):
     late = [one for one in poses() if 1.0 <= one[0] <= 3.0]
     found = read(write(tmp_path / "a", [*late, *readings()]))
     np.testing.assert_allclose(found.t, AT[(AT >= 1) & (AT <= 3)])
-    assert found.topics[0].endswith("; 9 of 18 readings have no place")
+    assert any("9 of 18 readings of /gas have no pose" in remark for remark in found.facts.remarks)
 
 
 def test_robots_with_frames_of_their_own(tmp_path):
@@ -365,6 +366,127 @@ def test_a_robot_does_not_take_the_poses_of_another(tmp_path):
     ]
     bag = write(tmp_path / "a", [*messages, *readings("/r1/gas"), *readings("/r2/gas")])
     assert [one.frame for one in bag_readings.read(bag)] == ["map", "odom"]
+
+
+def stamped(kind, t, frame, **fields):
+    return ros.message(f"geometry_msgs/msg/{kind}", header=ros.header(t, frame), **fields)
+
+
+@pytest.mark.parametrize("every", [4.0, 100.0])
+def test_the_source_with_poses_around_most_readings_counts(every, tmp_path):
+    """AMCL publishes when the robot has moved; its poses in between lie on no straight line."""
+    sparse = [
+        (t, "/amcl_pose", pose(t, 3.0, -1.0 + 0.2 * t, 0.0, LOCALISED, "map"))
+        for t in np.arange(0.5, 6, every)
+    ]
+    bag = write(tmp_path / "a", [*sparse, *CORRECTION, *poses(), *readings()])
+    (one,) = bag_readings.read(bag)
+    assert (one.topics.split(", ")[1], one.remarks) == ("positions of /odom in frame odom", ())
+    np.testing.assert_allclose(one.at, np.column_stack([np.full(len(AT), 3.0), -1.0 + 0.2 * AT]), atol=1e-9)
+    if every < 6.0:  # without /tf there is nothing better
+        (one,) = bag_readings.read(write(tmp_path / "b", [*sparse, *poses(), *readings()]))
+        assert one.frame == "map"
+        (far, dropped) = sorted(one.remarks, key=lambda remark: "apart" not in remark)
+        assert "16 of 18 readings of /gas lie between poses" in far or "15 of 18" in far
+        assert "up to 4 s apart" in far
+        assert "1 of 18" in dropped
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_frames_beside_the_target_lead_to_it(moving, tmp_path):
+    """As tf2 looks up: from the frame of the poses up to the common ancestor, and down; here world, and map in it."""
+    ends = (0.0, 9.0)
+    to_map = [
+        (t, "/tf" if moving else "/tf_static", transforms(t, ("world", "map", 5.0, 2.0, pi / 2)))
+        for t in ends
+    ]
+    lab = (0.0, "/tf_static", transforms(0.0, ("world", "lab", 1.0, 0.0, 0.0)))
+    seen = [(t, "/vicon/pose", pose(t, 6.0, 0.2 * t, 0.0, POSE, "lab")) for t in np.arange(0.0, 6.0)]
+    (one,) = bag_readings.read(write(tmp_path / "a", [*to_map, lab, *seen, *readings()]))
+    assert (one.frame, one.remarks) == ("map", ())
+    matrix = np.array([[0.0, -1.0, 5.0], [1.0, 0.0, 2.0], [0.0, 0.0, 1.0]])  # of map in world
+    there = np.column_stack([np.full(len(AT), 7.0), 0.2 * AT, np.ones(len(AT))])
+    np.testing.assert_allclose(one.at, np.linalg.solve(matrix, there.T).T[:, :2], atol=1e-9)
+    np.testing.assert_allclose(one.heading, -pi / 2)
+
+
+def test_frames_that_do_not_drift_are_preferred(tmp_path):
+    """And other poses are named."""
+    seen = [(t, "/vicon/pose", pose(t, 7.0, 0.2 * t, 0.0, POSE, "/world")) for t in np.arange(0.0, 6.0)]
+    bag = write(tmp_path / "a", [*poses(), *seen, *readings()])
+    (one,) = bag_readings.read(bag)
+    assert one.frame == "world"
+    np.testing.assert_allclose(one.at, np.column_stack([np.full(len(AT), 7.0), 0.2 * AT]))
+    (remark,) = one.remarks
+    assert "nothing leads from there to frame map" in remark
+    assert "/odom in odom" in remark
+    (other,) = bag_readings.read(bag, BagOptions(pose=("/odom",)))
+    assert "/vicon/pose in world" in other.remarks[0]
+
+
+def test_without_pose_topics_the_body_of_the_frames_is_the_robot(tmp_path):
+    """Here with wheels, which move too; --pose names another frame."""
+    links = [
+        (
+            t,
+            "/tf",
+            transforms(
+                t,
+                ("map", "odom", 1.0, 0, 0),
+                ("odom", "base_link", 0.2 * t, 2, 0),
+                ("base_link", "wheel", 0, 0.1, t),
+            ),
+        )
+        for t in np.arange(0.0, 6.0)
+    ]
+    bag = write(tmp_path / "a", [*links, *floats("/gas")])
+    (one,) = bag_readings.read(bag)
+    np.testing.assert_allclose(one.at, np.column_stack([1.0 + 0.2 * AT, np.full(len(AT), 2.0)]))
+    assert any("frame base_link (--pose" in remark for remark in one.remarks)
+    (wheel,) = bag_readings.read(bag, BagOptions(pose=("/wheel",)))
+    np.testing.assert_allclose(wheel.at[:, 1], 2.1)
+    (replayed,) = bag_readings.read(write(tmp_path / "b", links), BagOptions(lenient=True))
+    np.testing.assert_allclose(replayed.place[:, 0], 1.0 + 0.2 * replayed.t)
+    two = [(t, "/tf", transforms(t, ("map", "a", t, 0, 0), ("map", "b", 0, t, 0))) for t in (0.0, 6.0)]
+    bag = write(tmp_path / "c", [*two, *floats("/gas")])
+    with refused(BagError, bag, "several frames that may carry /gas, a, b; choose with --pose"):
+        bag_readings.read(bag)
+    (second,) = bag_readings.read(bag, BagOptions(pose=("b",)))
+    np.testing.assert_allclose(second.at[:, 1], AT)
+
+
+def test_positions_of_other_types_are_read(tmp_path):
+    """Of a motion capture, of beacons without heading, and in the plane without a frame."""
+    of_body = {
+        "child_frame_id": "vicon/robot",
+        "transform": {"translation": {"x": 1.0}, "rotation": ros.yawed(0.5)},
+    }
+    for name, frame, assumed, heading, get in (
+        ("seen", "world", "frame world", 0.5, lambda t: stamped("TransformStamped", t, "world", **of_body)),
+        (
+            "heard",
+            "map",
+            "no heading",
+            pi / 2,
+            lambda t: stamped("PointStamped", t, "map", point={"x": 1.0, "y": t}),
+        ),
+        ("flat", "map", "no frame", 0.3, lambda t: ros.message("geometry_msgs/msg/Pose2D", x=1.0, theta=0.3)),
+    ):
+        clicked = (0.5, "/clicked_point", stamped("PointStamped", 0.5, "map", point={"x": 9.0}))
+        places = [(t, f"/{name}", get(t)) for t in np.arange(0.0, 6.0)]
+        (one,) = bag_readings.read(write(tmp_path / name, [*places, clicked, *floats("/gas")]))
+        assert one.frame == frame
+        assert any(assumed in remark for remark in one.remarks)
+        np.testing.assert_allclose(one.at[:, 0], 1.0)
+        np.testing.assert_allclose(one.heading, heading, atol=1e-9)
+
+
+@pytest.mark.parametrize("frame", ["base_link", "r1/base_footprint", "own_body"])
+def test_the_body_of_the_robot_is_at_its_pose(frame, tmp_path):
+    odometry = [(t, topic, replace(m, child_frame_id="own_body")) for t, topic, m in poses()]
+    bag = write(tmp_path / "a", [*CORRECTION, *odometry, *readings(frame=frame)])
+    (one,) = bag_readings.read(bag)
+    assert one.remarks == ()
 
 
 # ---------------------------------------------------------------- numbers of any message
@@ -500,12 +622,41 @@ def test_a_number_in_a_message_defined_in_the_bag(storage, ros1, tmp_path):
         bag_readings.read(bag)
 
 
-@pytest.mark.parametrize(("topic", "factor"), [("/h2s_ppb", 1e-3), ("/pid/PPM", 1.0), ("/ppb_sensor", None)])
+@pytest.mark.parametrize(
+    ("topic", "factor"),
+    [
+        ("/h2s_ppb", 1e-3), ("/pid/PPM", 1.0), ("/ppb_sensor", None), ("/ppb", 1e-3), ("/ch4_raw_percent", 1e4),
+        ("/voc_ppt", 1e-6), ("/gas/min", None),
+    ],
+)  # fmt: skip
 def test_the_name_of_a_topic_may_state_the_unit(topic, factor, tmp_path):
     numbers = [(t, topic, ros.message("std_msgs/msg/Float64", data=7.0 * t)) for t in AT]
     (one,) = bag_readings.read(write(tmp_path / "a", [*in_map("/pose", POSE), *numbers]))
     np.testing.assert_allclose(one.ppm, 7.0 * AT * (factor or 1.0))
     assert any("assumed to be ppm" in remark for remark in one.remarks) is (factor is None)
+
+
+@pytest.mark.parametrize(
+    ("topic", "kind", "reading"),
+    [
+        ("/gas_mV", "mv", ()), ("/voc_mg_m3", "mg/m3", ()), ("/pid_adc", "adc", ()), ("/gas_v", "v", ("/gas_v.data",)),
+        ("/ch4_percent_lel", "lel", ()),
+    ],
+)  # fmt: skip
+def test_names_of_units_that_are_no_share_are_refused(topic, kind, reading, tmp_path):
+    numbers = [(t, topic, ros.message("std_msgs/msg/Float64", data=7.0 * t)) for t in AT]
+    bag = write(tmp_path / "a", [*in_map("/pose", POSE), *numbers])
+    with refused(BagError, bag, f"the unit of gas is {kind}, not ppm"):
+        bag_readings.read(bag, BagOptions(reading=reading))
+    (one,) = bag_readings.read(bag, BagOptions(units="ppb"))
+    np.testing.assert_allclose(one.ppm, 7e-3 * AT)
+
+
+def test_the_name_of_a_topic_may_state_kiloohms(tmp_path):
+    numbers = [(t, "/mox_kohm", ros.message("std_msgs/msg/Float64", data=20.0)) for t in AT]
+    bag = write(tmp_path / "a", [*in_map("/pose", POSE), *numbers])
+    (one,) = bag_readings.read(bag, BagOptions(model="tgs2620", air=40e3))
+    np.testing.assert_allclose(one.ppm, 4.32 * (2 ** (1 / 0.7155) - 1), rtol=1e-6)
 
 
 def test_a_sensor_is_mounted_on_the_body_whose_poses_are_recorded(tmp_path):
