@@ -17,7 +17,7 @@ import numpy as np
 
 from taichi_plume.grid.mesh_files import MeshData, MeshError, read_mesh
 from taichi_plume.grid.shapes import Shape, rotation
-from taichi_plume.grid.winding_number import caps_of, oriented, rim_edges, solid_angles
+from taichi_plume.grid.winding_number import Cluster, caps_of, oriented, rim_edges, solid_angles
 
 LONGEST_REASON = 150  # characters of the reason why open3d cannot be imported
 CHUNK = 1 << 18  # points handed to open3d at a time
@@ -27,7 +27,6 @@ MOST_BODIES = (
 )
 MOST_AT_EDGE = 100  # triangles that share an edge: more make no body, and open3d compares each with each
 WELD = 1e-5  # of the mesh's length: in a mesh with gaps, corners closer than this are joined
-RAYS = ((0.5377, 0.6183, 0.5732), (-0.4413, 0.3871, 0.8095), (0.6347, -0.7129, 0.2982))  # along no usual edge
 SAMPLES = 1 << 15  # points, to judge a body that is not closed
 MOST_RIM = 2000  # open edges: from each point of the grid, a triangle at each is seen
 MOST_OPEN, MOST_UNDECIDED = 0.12, 0.1  # of its surface (a triangle of a cube has 0.09), and of its volume
@@ -64,9 +63,7 @@ class _OpenBody(_Body):
         self.low, self.high = used.min(axis=(0, 1)), used.max(axis=(0, 1))
         self.caps = caps_of(vertices, triangles)
         super().__init__(np.concatenate([used, self.caps.corners[self.caps.flat]]))
-        corners = np.concatenate([used, self.caps.corners])
-        self._normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        self._closed = _scene(corners)
+        self._closed = Cluster.of(np.concatenate([used, self.caps.corners]))
 
     def signed_distance(self, points: np.ndarray) -> np.ndarray:
         away = self.scene.compute_distance(_open3d().core.Tensor(points)).numpy()
@@ -80,16 +77,9 @@ class _OpenBody(_Body):
         result = np.zeros(len(points))
         near = ((points >= self.low) & (points <= self.high)).all(axis=1)
         if near.any():
-            counts = [self._crossings(points[near], np.array(way, np.float32)) for way in RAYS]
-            result[near] = np.median(counts, axis=0) - solid_angles(points[near], self.caps.corners)
+            whole = np.rint(self._closed.winding_number(points[near].astype(float)))
+            result[near] = whole - solid_angles(points[near], self.caps.corners)
         return result
-
-    def _crossings(self, points: np.ndarray, way: np.ndarray) -> np.ndarray:
-        """Return how often rays from points leave body and caps, less how often they enter."""
-        rays = np.concatenate([points, np.broadcast_to(way, points.shape)], axis=1)
-        found = self._closed.list_intersections(_open3d().core.Tensor(rays))
-        side = np.sign(self._normals[found["primitive_ids"].numpy()] @ way)
-        return np.bincount(found["ray_ids"].numpy(), side, len(points))
 
     def undecided(self) -> float:
         """Return the volume in the box where |w| is within 0.2 of 1/2, over the inside; infinite without one."""

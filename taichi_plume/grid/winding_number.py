@@ -2,18 +2,22 @@
 
 Jacobson, Kavan & Sorkine-Hornung 2013, doi:10.1145/2461912.2461916: w is the solid angle of the surface seen from the
 point, over 4 pi. It is whole for a closed surface, and smooth across a hole, where it passes 1/2. A surface M and caps
-C over its holes are closed together, so w(M) = w(M and C) - w(C). The first is counted by rays, with the side from
-which a ray leaves; the second is a sum over the few triangles of the caps. A flat hole is thus closed flat.
+C over its holes are closed together, so w(M) = w(M and C) - w(C). The first is a whole number: a sum over a tree of
+clusters, of which distant ones count as dipoles (Barill et al. 2018, doi:10.1145/3197517.3201337), is rounded. The second
+is a sum over the few triangles of the caps. A flat hole is thus closed flat.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import pi
 
 import numpy as np
 
 FLAT = 0.9999  # of the area of a hole's caps: so much has one normal if the hole is flat
 STAR = 0.8  # of the same area: so much lies within the rim, and not beside it
-MOST_PAIRS = 1 << 22  # points times triangles of caps computed together
+MOST_PAIRS = 1 << 22  # points times triangles computed together
+LEVEL = 2e-7  # of the largest coordinate: a point closer to a triangle's plane lies in it
+LEAF = 32  # triangles that are not divided into clusters
+DISTANT = 2.0  # radii of a cluster: farther away it is a dipole
 
 
 @dataclass(frozen=True)
@@ -66,7 +70,8 @@ def rim_edges(triangles: np.ndarray) -> np.ndarray:
 def solid_angles(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Return the solid angle (n,) of all triangles (k, 3, 3) together, seen from points (n, 3), over 4 pi.
 
-    van Oosterom & Strackee 1983, doi:10.1109/TBME.1983.325207, with scalar products from the lengths of the sides.
+    van Oosterom & Strackee 1983, doi:10.1109/TBME.1983.325207, with scalar products from the lengths of the sides. In
+    the plane of a triangle it is 0, the mean of both sides: two walls that touch are one.
     """
     result = np.zeros(len(points))
     if not len(corners):
@@ -75,6 +80,7 @@ def solid_angles(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     n1, n2, n3 = index.reshape(-1, 3).T
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     level = np.einsum("kd,kd->k", normal, corners[:, 0])
+    least = LEVEL * np.abs(places).max() * np.linalg.norm(normal, axis=1)
     side_12, side_23, side_31 = (((corners[:, n] - corners[:, n - 2]) ** 2).sum(axis=1) for n in range(3))
     step = max(1, MOST_PAIRS // len(corners))
     for begin in range(0, len(points), step):
@@ -86,8 +92,46 @@ def solid_angles(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
         below = a * b * c + 0.5 * (
             (aa + bb - side_12) * c + (bb + cc - side_23) * a + (cc + aa - side_31) * b
         )
-        result[begin : begin + step] = np.arctan2(level - part @ normal.T, below).sum(axis=1)
+        above = level - part @ normal.T
+        angle = np.where(np.abs(above) > least, np.arctan2(above, below), 0.0)
+        result[begin : begin + step] = angle.sum(axis=1)
     return result / (2.0 * pi)
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """Tree of triangles (k, 3, 3) that lie together: their middle, radius and vector area (3,), and two halves."""
+
+    corners: np.ndarray
+    middle: np.ndarray
+    radius: float
+    area: np.ndarray
+    halves: "list[Cluster]" = field(default_factory=list)
+
+    @classmethod
+    def of(cls, corners: np.ndarray) -> "Cluster":
+        """Return the tree of these triangles, halved along the longest edge of their box."""
+        middles = corners.mean(axis=1)
+        areas = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        middle = np.average(middles, axis=0, weights=np.linalg.norm(areas, axis=1) + 1e-300)
+        halves = []
+        if len(corners) > LEAF:
+            order = np.argsort(middles[:, np.ptp(middles, axis=0).argmax()], kind="stable")
+            halves = [cls.of(corners[half]) for half in np.array_split(order, 2)]
+        radius = float(np.linalg.norm(corners - middle, axis=-1).max())
+        return cls(corners, middle, radius, areas.sum(axis=0), halves)
+
+    def winding_number(self, points: np.ndarray) -> np.ndarray:
+        """Return about the winding number (n,) at points (n, 3): distant clusters are dipoles."""
+        if not self.halves:
+            return solid_angles(points, self.corners)
+        way = self.middle - points
+        squared = np.maximum((way**2).sum(axis=1), 1e-300)
+        result = way @ self.area / (4.0 * pi * squared**1.5)
+        near = squared <= (DISTANT * self.radius) ** 2
+        if near.any():
+            result[near] = sum(half.winding_number(points[near]) for half in self.halves)
+        return result
 
 
 def oriented(triangles: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, int]:

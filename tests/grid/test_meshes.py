@@ -11,7 +11,7 @@ from bodies import FLOOR, ROOM, SHAPES, is_inside, random_points
 from taichi_plume.assembly.preparation import load, load_scenario
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.meshes import MeshError, Solid
-from taichi_plume.grid.winding_number import solid_angles
+from taichi_plume.grid.winding_number import Cluster, solid_angles
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.obstacles import Mesh
@@ -326,6 +326,41 @@ def test_solid_angles_are_those_of_closed_forms():
     p = random_points(1000)
     inside = ((p > (1, 1, 0.2)) & (p < (2, 2, 0.6))).all(axis=1)
     np.testing.assert_allclose(solid_angles(p, fine((1, 1, 0.2), (2, 2, 0.6), 3)), inside, atol=1e-9)
+
+
+def test_distant_clusters_of_triangles_are_dipoles():
+    random = np.random.default_rng(0)
+    triangles = np.concatenate([fine((1, 1, 0.2), (3, 1.2, 0.9), 12), ball()])
+    p = random.uniform((0, 0, -1), (4, 3, 2), (2000, 3))
+    tree = Cluster.of(triangles).winding_number(p)
+    exact = solid_angles(p, triangles)
+    np.testing.assert_allclose(tree, exact, atol=0.15)
+    np.testing.assert_array_equal(np.rint(tree), np.rint(exact))
+    assert np.abs(tree - exact).max() > 1e-6  # some are
+
+
+HOUSES = {
+    "touching": [((0, 0), (4, 0.2)), ((0, 2.8), (4, 3)), ((0, 0.2), (0.2, 2.8)), ((3.8, 0.2), (4, 2.8))],
+    "overlapping": [((0, 0), (4, 0.3)), ((0, 2.8), (4, 3)), ((0, 0), (0.2, 3)), ((3.7, 0), (4, 3))],
+    "apart": [((0.1, 0.1), (3.8, 0.4)), ((0.1, 0.6), (0.3, 2.8)), ((2.4, 0.6), (2.6, 2.0))],
+}
+
+
+@pytest.mark.parametrize("n", [1, 5])
+@pytest.mark.parametrize("lost", ["lids", "bottoms", "part of the lids"])
+@pytest.mark.parametrize("house", HOUSES)
+def test_walls_without_lids_are_walls_also_where_they_meet(tmp_path, house, lost, n):
+    walls = [((*low, 0.0), (*high, 1.0)) for low, high in HOUSES[house]]
+    floor, ceiling = (0.99, 2.0) if "lids" in lost else (-1.0, 0.01)
+    far = 1.7 if "part" in lost else 9.0
+    parts = [without(fine(*wall, n), (-1, -1, floor), (far, 9, ceiling)) for wall in walls]
+    one = placed(tmp_path, np.concatenate(parts))
+    middles = np.stack(np.meshgrid(*(np.arange(k) / 10 + 0.05 for k in (40, 30, 10)), indexing="ij"), -1)
+    cells = np.any([((middles > low) & (middles < high)).all(axis=-1) for low, high in walls], axis=0)
+    np.testing.assert_array_equal(one.inside(middles), cells)
+    np.testing.assert_array_equal(one.signed_distance(middles) < 0, cells)
+    on_joint = np.array([[0.1, 0.2, 0.45], [3.9, 0.2, 0.45], [0.1, 2.8, 0.55]])  # in a face of two walls
+    assert one.inside(on_joint).all() or house == "apart"
 
 
 @pytest.mark.parametrize("missing", range(12))
