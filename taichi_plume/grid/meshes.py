@@ -17,7 +17,15 @@ import numpy as np
 
 from taichi_plume.grid.mesh_files import MeshData, MeshError, read_mesh
 from taichi_plume.grid.shapes import Shape, rotation
-from taichi_plume.grid.winding_number import Cluster, caps_of, oriented, rim_edges, solid_angles
+from taichi_plume.grid.winding_number import (
+    Cluster,
+    caps_of,
+    oriented,
+    rim_edges,
+    section,
+    solid_angles,
+    turns,
+)
 
 LONGEST_REASON = 150  # characters of the reason why open3d cannot be imported
 CHUNK = 1 << 18  # points handed to open3d at a time
@@ -28,6 +36,7 @@ MOST_BODIES = (
 MOST_AT_EDGE = 100  # triangles that share an edge: more make no body, and open3d compares each with each
 WELD = 1e-5  # of the mesh's length: in a mesh with gaps, corners closer than this are joined
 SAMPLES = 1 << 15  # points, to judge a body that is not closed
+MOST_TESTED = 50  # corners of a body that are looked for in another
 MOST_RIM = 2000  # open edges: from each point of the grid, a triangle at each is seen
 MOST_OPEN, MOST_UNDECIDED = 0.12, 0.1  # of its surface (a triangle of a cube has 0.09), and of its volume
 Y_UP = np.array(
@@ -89,6 +98,24 @@ class _OpenBody(_Body):
         return np.count_nonzero(np.abs(number - 0.5) < 0.2) / inside if inside else inf
 
 
+class _Outline(_Body):
+    """Section of bodies with holes, if closed: at its height, the inside of the plane winding number of its edges."""
+
+    def __init__(self, corners: np.ndarray, z: float):
+        super().__init__(corners)
+        self.edges = section(corners, z)
+
+    def is_closed(self) -> bool:
+        """Return whether as many edges start as end at each point."""
+        size = WELD * max(float(np.ptp(self.edges.reshape(-1, 2), axis=0).max(initial=0.0)), 1e-300)
+        ends = np.rint(self.edges.reshape(-1, 2) / size)
+        _, place = np.unique(ends, axis=0, return_inverse=True)
+        return len(ends) > 0 and not np.bincount(place.ravel(), np.tile([1, -1], len(self.edges))).any()
+
+    def occupancy(self, points: np.ndarray) -> np.ndarray:
+        return np.where(np.abs(turns(points[:, :2], self.edges)) > 0.5, 1.0, 0.0)
+
+
 class Solid(Shape):
     """Union of the bodies of a mesh file: scaled, then turned about the vertical, then moved.
 
@@ -127,8 +154,12 @@ class Solid(Shape):
         self._bodies = [_Body(self.vertices[triangles]) for triangles in parts.bodies]
         remarks = [*data.remarks, *parts.remarks, *self._scale_remarks()]
         if parts.open is not None:
-            loose = _OpenBody(self.vertices, parts.open)
-            remarks.append(_judged(model.file, parts.gaps, loose))
+            loose = _Outline(self.vertices[parts.open], self._slice[0]) if dim == 2 else None
+            if loose is not None and loose.is_closed():
+                remarks.append(f"{parts.gaps}; its section at {model.section:g} m is closed")
+            else:
+                loose = _OpenBody(self.vertices, parts.open)
+                remarks.append(_judged(model.file, parts.gaps, loose))
             self._bodies.append(loose)
         self.remarks = tuple(f"{model.file}: {remark}" for remark in remarks)
         bodies = f"{count} bod{'ies' if count > 1 else 'y'}"
@@ -231,6 +262,8 @@ def _parts_of(path: Path, data: MeshData) -> _Parts:
     mesh.remove_duplicated_vertices()  # in an STL every triangle has its own
     _cleaned(path, mesh)
     remarks: list[str] = []
+    if copies := _copies(mesh):
+        remarks.append(f"{copies:,} triangles are there again, facing the same way; one of each is taken")
     # not is_watertight(): that also looks for self-intersections, in quadratic time
     gaps = np.asarray(mesh.get_non_manifold_edges(allow_boundary_edges=False))
     if len(gaps):
@@ -238,6 +271,7 @@ def _parts_of(path: Path, data: MeshData) -> _Parts:
         count = len(mesh.vertices)
         mesh.merge_close_vertices(near)
         _cleaned(path, mesh)
+        _copies(mesh)
         if count > len(mesh.vertices):
             remarks.append(
                 f"{count - len(mesh.vertices):,} corners closer than {near:.2g} of its units to another are joined"
@@ -247,17 +281,23 @@ def _parts_of(path: Path, data: MeshData) -> _Parts:
     body = np.asarray(mesh.cluster_connected_triangles()[0])
     holed = np.unique(body[np.isin(triangles, gaps).any(axis=1)]) if len(gaps) else np.empty(0, int)
     holed = np.array([n for n in holed if _has_edge(triangles[body == n], gaps)], int)
-    bodies = [triangles[body == n] for n in range(body.max() + 1) if n not in holed]
+    root = _hollowed(vertices, triangles, body, remarks)
+    body, is_open = root[body], np.isin(root[body], root[holed])
+    bodies = [triangles[body == n] for n in np.unique(body[~is_open])]
     for n, part in enumerate(bodies):
         extent = np.ptp(vertices[part].reshape(-1, 3), axis=0)
         if extent.min() <= FLAT * extent.max():
             raise MeshError(f"{path.name}: body {n} is flat: it encloses nothing")
     if not len(holed):
         return _Parts(vertices, triangles, bodies, None, "", remarks)
-    loose = triangles[np.isin(body, holed)]
-    _, first, copies = np.unique(np.sort(loose, axis=1), axis=0, return_index=True, return_counts=True)
-    if (copies == 2).all():  # as of programs that draw both sides of a face
-        loose = loose[np.sort(first)]
+    loose, part = triangles[is_open], body[is_open]
+    _, first, place, copies = np.unique(
+        np.sort(loose, axis=1), axis=0, return_index=True, return_inverse=True, return_counts=True
+    )
+    twice = np.bincount(part, copies[place.ravel()] != 2, body.max() + 1)[part] == 0
+    if twice.any():  # as of programs that draw both sides of a face
+        is_first = np.isin(np.arange(len(loose)), first)
+        loose = loose[is_first | ~twice]
         remarks.append("each triangle of bodies with open or non-manifold edges is there twice; one is taken")
     loose, turned = oriented(loose, _areas(vertices, loose))
     if turned:
@@ -274,6 +314,58 @@ def _parts_of(path: Path, data: MeshData) -> _Parts:
         f"({x:.3f}, {y:.3f}, {z:.3f}) in the file's coordinates"
     )
     return _Parts(vertices, triangles, bodies, loose, words, remarks)
+
+
+def _hollowed(
+    vertices: np.ndarray, triangles: np.ndarray, body: np.ndarray, remarks: list[str]
+) -> np.ndarray:
+    """Return, for each number of `body` (m,), the body to which it belongs: itself, or that which it makes hollow.
+
+    A body makes the smallest that it lies in hollow if they face opposite ways, as the inner faces of the walls of a
+    room do. What was decided becomes a remark.
+    """
+    count = body.max() + 1
+    corners = vertices[oriented(triangles, _areas(vertices, triangles))[0]]
+    low, high = np.full((count, 3), inf), np.full((count, 3), -inf)
+    np.minimum.at(low, body, corners.min(axis=1))
+    np.maximum.at(high, body, corners.max(axis=1))
+    moved = corners - 0.5 * (low + high)[body][:, None]
+    volume = np.bincount(body, np.linalg.det(moved))
+    size, root, filled = np.abs(volume), np.arange(count), 0
+    for n in np.argsort(-size, kind="stable"):
+        around = (low <= low[n]).all(axis=1) & (high >= high[n]).all(axis=1) & (size > size[n])
+        if not around.any():
+            continue
+        own = corners[body == n].reshape(-1, 3)
+        own = own[:: len(own) // MOST_TESTED + 1]
+        for m in sorted(np.flatnonzero(around), key=size.__getitem__):
+            if (np.abs(solid_angles(own, corners[body == m])) > 0.5).all():
+                if volume[n] * volume[m] < 0.0:
+                    root[n] = root[m]
+                else:
+                    whole = corners[root[body] == root[m]]
+                    filled += bool((np.abs(solid_angles(own, whole)) > 0.5).all())
+                break
+    if hollow := np.count_nonzero(root != np.arange(count)):
+        remarks.append(
+            f"bodies that lie in others and face the opposite way: {hollow}; where they begin, a solid is hollow"
+        )
+    if filled:
+        remarks.append(
+            f"bodies that lie in others and face the same way: {filled}; they are united, so nothing is hollow there"
+        )
+    return root
+
+
+def _copies(mesh: Any) -> int:
+    """Remove copies of triangles that face the same way; return their number."""
+    triangles = np.asarray(mesh.triangles)
+    start = triangles.argmin(axis=1)[:, None]
+    alike = np.take_along_axis(triangles, (start + np.arange(3)) % 3, axis=1)
+    _, first = np.unique(alike, axis=0, return_index=True)
+    if copies := len(triangles) - len(first):
+        mesh.remove_triangles_by_index(np.setdiff1d(np.arange(len(triangles)), first).tolist())
+    return copies
 
 
 def _cleaned(path: Path, mesh: Any) -> None:

@@ -2,9 +2,9 @@
 
 Jacobson, Kavan & Sorkine-Hornung 2013, doi:10.1145/2461912.2461916: w is the solid angle of the surface seen from the
 point, over 4 pi. It is whole for a closed surface, and smooth across a hole, where it passes 1/2. A surface M and caps
-C over its holes are closed together, so w(M) = w(M and C) - w(C). The first is a whole number: a sum over a tree of
-clusters, of which distant ones count as dipoles (Barill et al. 2018, doi:10.1145/3197517.3201337), is rounded. The second
-is a sum over the few triangles of the caps. A flat hole is thus closed flat.
+C over its holes are closed together, so w(M) = w(M and C) - w(C). The first is a whole number, to which a sum over
+a tree of clusters is rounded; distant clusters count as dipoles (Barill et al. 2018, doi:10.1145/3197517.3201337). The
+second is a sum over the few triangles of the caps. A flat hole is thus closed flat.
 """
 
 from dataclasses import dataclass, field
@@ -132,6 +132,31 @@ class Cluster:
         if near.any():
             result[near] = sum(half.winding_number(points[near]) for half in self.halves)
         return result
+
+
+def section(corners: np.ndarray, z: float) -> np.ndarray:
+    """Return the edges (k, 2, 2), in plan, in which the plane at height z cuts triangles (m, 3, 3).
+
+    Each has its triangle's front on the right: the outline of a body whose triangles face outwards runs to the left.
+    """
+    ends, above = np.roll(corners, -1, axis=1), corners[..., 2] >= z
+    leaves = np.roll(above, -1, axis=1)
+    points = []
+    for crosses in (above & ~leaves, ~above & leaves):
+        first, last = corners[crosses], ends[crosses]
+        points.append(first + ((z - first[:, 2]) / (last[:, 2] - first[:, 2]))[:, None] * (last - first))
+    return np.stack(points, axis=1)[..., :2]
+
+
+def turns(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Return the winding number (n,) of directed edges (k, 2, 2) about points (n, 2) in their plane."""
+    result = np.zeros(len(points))
+    step = max(1, MOST_PAIRS // max(1, len(edges)))
+    for begin in range(0, len(points), step):
+        part = points[begin : begin + step, None].astype(float)
+        (x1, y1), (x2, y2) = (np.moveaxis(edges[:, n] - part, -1, 0) for n in (0, 1))
+        result[begin : begin + step] = np.arctan2(x1 * y2 - y1 * x2, x1 * x2 + y1 * y2).sum(axis=1)
+    return result / (2.0 * pi)
 
 
 def oriented(triangles: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, int]:

@@ -363,6 +363,70 @@ def test_walls_without_lids_are_walls_also_where_they_meet(tmp_path, house, lost
     assert one.inside(on_joint).all() or house == "apart"
 
 
+@pytest.mark.parametrize("lost", [None, 7, -20])
+@pytest.mark.parametrize("facing", ["opposite", "reversed", "at random", "same"])
+def test_inner_faces_make_a_room_hollow(tmp_path, facing, lost):
+    """As do those around its air, in which a lamp hangs and a table stands on the floor."""
+    outer, inner, lamp, table = (
+        ((0.2, 0.2, 0.0), (3.8, 2.8, 1.0)),
+        ((0.4, 0.4, 0.1), (3.6, 2.6, 0.9)),
+        ((1.0, 1.0, 0.5), (1.4, 1.4, 0.7)),
+        ((2.0, 1.0, 0.1), (2.6, 1.6, 0.5)),
+    )
+    inward = fine(*inner, 2) if facing == "same" else fine(*inner, 2)[:, ::-1]
+    triangles = np.concatenate([fine(*outer, 2), fine(*lamp, 1), fine(*table, 1), inward])
+    if facing == "reversed":
+        triangles = triangles[:, ::-1].copy()
+    if facing == "at random":
+        some = np.random.default_rng(1).random(len(triangles)) < 0.3
+        triangles[some] = triangles[some][:, ::-1]
+    triangles = triangles if lost is None else np.delete(triangles, lost, axis=0)
+    one = placed(tmp_path, triangles)
+    p = random_points(5000)
+    bodies = [((p > low) & (p < high)).all(axis=1) for low, high in (outer, inner, lamp, table)]
+    expected = bodies[0] if facing == "same" else (bodies[0] & ~bodies[1]) | bodies[2] | bodies[3]
+    np.testing.assert_array_equal(one.inside(p), expected)
+    np.testing.assert_array_equal(one.signed_distance(p) < 0, expected)
+    assert ("united" if facing == "same" else "hollow") in " ".join(one.remarks)
+
+
+@pytest.mark.parametrize("copies", [1, 5, 12])
+def test_triangles_that_are_there_again_count_once(tmp_path, copies):
+    boxes = [((0.5, 1.0, 0.1), (1.5, 2.0, 0.6)), ((2.0, 1.0, 0.1), (3.0, 2.0, 0.9))]
+    first, second = (fine(*box, 1) for box in boxes)
+    again = np.roll(first[:copies], 1, axis=1)  # from another corner
+    one = placed(tmp_path, np.concatenate([first, second, again]))
+    p = random_points(5000)
+    expected = np.min([_box_distance(p, *map(np.array, box)) for box in boxes], axis=0)
+    np.testing.assert_allclose(one.signed_distance(p), expected, atol=1e-5)
+    (remark,) = one.remarks
+    assert remark.split()[1] == str(copies)
+
+
+def test_in_2d_walls_need_to_be_closed_only_at_the_section(tmp_path):
+    """They have neither lids nor bottoms. Without the face at an end, they are refused."""
+    walls = [
+        ((0.2, 0.2, 0.0), (3.8, 0.5, 1.0)),
+        ((0.2, 0.5, 0.0), (0.6, 2.8, 1.0)),
+        ((0.4, 2.0, 0), (3, 2.4, 1)),
+    ]
+    hollow = np.concatenate([fine(*wall, 4) for wall in walls])
+    sides = hollow[np.abs(hollow.mean(axis=1)[:, 2] - 0.5) < 0.49]
+    file = write_stl(tmp_path / "sides.stl", sides)
+    one = shape(Mesh(kind="mesh", file=file, section=0.6), FLOOR, tmp_path)
+    p = random_points(dim=2)
+    expected = np.any([((p > low[:2]) & (p < high[:2])).all(axis=1) for low, high in walls], axis=0)
+    np.testing.assert_array_equal(one.inside(p), expected)
+    np.testing.assert_array_equal(one.signed_distance(p) < 0, expected)
+    assert isinstance(one, Solid)
+    assert "its section at 0.6 m is closed" in " ".join(one.remarks)
+    with pytest.raises(MeshError, match="mesh editor"):
+        placed(tmp_path, sides)
+    cut = write_stl(tmp_path / "cut.stl", sides[np.abs(sides.mean(axis=1)[:, 0] - 3.8) > 0.01])
+    with pytest.raises(MeshError, match="mesh editor"):
+        shape(Mesh(kind="mesh", file=cut, section=0.6), FLOOR, tmp_path)
+
+
 @pytest.mark.parametrize("missing", range(12))
 def test_a_box_with_a_missing_triangle_is_the_box(tmp_path, missing):
     low, high = np.array([1.0, 1.0, 0.1]), np.array([1.8, 1.7, 0.7])
