@@ -97,6 +97,8 @@ def _index_of(column: Column, whole: list[str], split: list[tuple[str, str]]) ->
     for form in (*map(re.escape, column.names), *filter(None, [column.pattern])):
         matches = re.compile(form).fullmatch
         here = [n for n, name in enumerate(whole) if matches(name) or matches(split[n][0])]
+        if len(here) > 1 or not column.is_needed:  # T (degC) is no time
+            here = [n for n in here if matches(whole[n]) or not split[n][1] or _is_unit(split[n][1], column)]
         if len(here) > 1:
             raise ConventionError(f"has several columns '{split[here[0]][0]}'; remove or rename all but one")
         if here:
@@ -115,7 +117,7 @@ def _with_unit(
     unit = split[n][1]
     if is_whole and not _is_unit(unit, column):  # such as velocity[i]
         unit = ""
-    if unit and column.unit and not _is_unit(unit, column):
+    if unit and column.unit not in ("", "s") and not _is_unit(unit, column):  # of times: when they are read
         raise ConventionError(f"{names[n]}: '{unit}' is no unit that converts to {column.unit}")
     return Picked(n, names[n], unit if column.unit else "")
 
@@ -145,7 +147,7 @@ def _named(
 
 
 def _stated(n: int, names: Sequence[str], unit: str, column: Column) -> Picked:
-    if unit and column.unit and not _is_unit(unit, column):
+    if unit and column.unit not in ("", "s") and not _is_unit(unit, column):  # of times: when they are read
         raise ConventionError(f"{names[n]}: '{unit}' is no unit that converts to {column.unit}")
     return Picked(n, names[n], unit)
 

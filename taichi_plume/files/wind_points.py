@@ -216,6 +216,6 @@ COLUMNS = {
     for n, key in enumerate(keys)
 } | {
     "nut": Column(EDDIES, "m^2/s", is_needed=False, may_lack=True),
-    "time": Column(("time", "t", "timestep"), "s", is_needed=False),
+    "time": Column(("time", "timestep"), "s", is_needed=False),
     "valid": Column(("vtkvalidpointmask",), is_needed=False),
 }

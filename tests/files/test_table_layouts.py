@@ -115,6 +115,7 @@ LOG = [(0.0, 1.0, 2.0, 5.0), (1.0, 1.5, 2.5, 8.0), (2.0, 2.0, 3.0, 6.0)]
             "time;x;y;reading\n2026-01-01 10:00:05 UTC;1;2;5\n2026-01-01 10:00:06 UTC;1.5;2.5;8\n",
             1767261605.0,
         ),
+        ("t,x,y,reading,T [°C]\n3,1,2,5,20\n4,1.5,2.5,8,21\n", 3.0),
         ("t,x,y,reading\ns,cm,cm,ppb\n3,100,200,5000\n4,150,250,8000\n", 3.0),
     ],
 )
@@ -134,6 +135,7 @@ def test_times_and_units_of_logs(tmp_path, text, start):
             "time,x,y,reading\n2026-01-01 10:00:00,123,2.0,1.0,5\n2026-01-01 10:00:01,123,2.0,1.0,5\n",
             "rows have 5",
         ),
+        ("time [lightyears],x,y,reading\n0,1,2,5\n1,1,2,5\n", "'lightyears' is no unit that converts to s"),
         ("time,x,y,reading\n00:05,1,2,5\n00:06,1,2,5\n", "its time is no date"),
         ("t,x,y,reading\n0,-9999,2,5\n1,1,2,5\n", "x of row 1 is not a number"),
     ],
