@@ -187,7 +187,8 @@ def times_of(values: np.ndarray, written: str) -> np.ndarray:
         start += timedelta(seconds=float(date[6] or 0))
     except (ValueError, OverflowError):
         raise ConventionError(f"'{written}' gives no date such as 2026-01-01 00:00:00") from None
-    return in_si(values, match[1], "s") + start.timestamp()
+    unit = match[1].lower() if len(match[1]) > 3 else match[1]  # Days
+    return in_si(values, unit, "s") + start.timestamp()
 
 
 def iso_times(texts: Sequence[str | None]) -> np.ndarray:
@@ -257,14 +258,14 @@ def _limits(attributes: Mapping[str, Any]) -> tuple[float, float] | None:
 def text_of(value: Any) -> str:
     """Return an attribute that is a text, bytes, a number or an array of one of these as a text; else ""."""
     flat = np.ravel(value)
-    one = flat[0] if len(flat) == 1 else ""
-    return (one.decode("utf-8", "replace") if isinstance(one, bytes) else str(one)).strip()
+    text = flat[0] if len(flat) == 1 else ""
+    return (text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)).strip()
 
 
 def unit_of(attributes: Mapping[str, Any]) -> str:
     """Return the unit in the attribute `units` or `unit`, in any case, of an array; "" without one."""
-    lower = {name.lower(): value for name, value in reversed(attributes.items())}
-    return next((text_of(lower[name]) for name in ("units", "unit") if name in lower), "")
+    stated = {name.lower(): text_of(value) for name, value in attributes.items()}
+    return stated.get("units") or stated.get("unit", "")
 
 
 def stated_unit(attributes: Mapping[str, Any], of: Sequence[str]) -> str:

@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-
 from taichi_plume.files.conventions import text_of
 from taichi_plume.files.stored_arrays import (
     ArrayFileError,

@@ -33,7 +33,18 @@ GASES = ("concentration", "gas", "plume", "odor", "odour", "intensity")  # with 
 RATES = ("fps", "frame_rate", "framerate", "frames_per_second")
 PIXEL = "pixel_to_grid"
 REGULAR = 0.01  # pixels or frames: tolerance of equal spacing
-NUMBERS = {"pixel", "pixels", "px", "1", "index", "cell", "cells", "count"}  # units of numbers of pixels
+NUMBERS = {
+    "pixel",
+    "pixels",
+    "px",
+    "1",
+    "-",
+    "index",
+    "cell",
+    "cells",
+    "count",
+    "dimensionless",
+}  # units of numbers of pixels
 RELATIVE = re.compile(r"\s*(\w+)\s+(?:since|after|from)\s+[^\d\s].*")  # seconds since start
 SHARE = re.compile(r"(mole?|molar|volume|volumetric)[ _-]*(fraction|mixing[ _-]ratio|share)", re.IGNORECASE)
 RATIO = (
@@ -140,7 +151,7 @@ class Calibration:
         """Return the edge of a pixel [m]. Raises FilmError if pixels are no squares, or no edge is known."""
         given, stated = self.model.pixel, None
         long = sorted(
-            (line for line in lines.values() if line.centre == line.centre), key=lambda at: at.slack
+            (line for line in lines.values() if not math.isnan(line.centre)), key=lambda at: at.slack
         )
         if long:
             stated, other = abs(long[0].step), abs(long[-1].step)
@@ -172,16 +183,12 @@ class Calibration:
             raise FilmError(
                 f"{self.path}: its attribute 'origin' is {text}, not y and x; give origin"
             ) from None
-        place = []
-        for name, value in zip("yx", corner, strict=True):
-            centre = lines[name].centre
-            is_known = centre == centre
-            place.append(
-                centre - self.pixel / 2
-                if is_known
-                else float(self._metres(np.float64(value), self.length_unit, "origin"))
-            )
-        return self.model.origin or (place[1], place[0])
+        y, x = (float(self._metres(np.float64(value), self.length_unit, "origin")) for value in corner)
+        y, x = (
+            low if math.isnan(lines[name].centre) else round(lines[name].centre - self.pixel / 2, 9)
+            for name, low in (("y", y), ("x", x))
+        )
+        return self.model.origin or (x, y)
 
     def _metres(self, values: Any, unit: str, what: str) -> Any:
         try:
@@ -230,10 +237,10 @@ class Calibration:
             if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
                 raise ConventionError(f"are not {len(values)} ascending numbers")
         except ConventionError as error:
-            said = f"its times: {error}" if "ascending" not in str(error) else f"its times {error}"
+            fault = f"its times{'' if str(error).startswith('are not') else ':'} {error}"
             if not has_rate:
-                raise FilmError(f"{self.path}: {said}; give frame_rate") from None
-            self.remarks.append(f"{said}; frame_rate counts")
+                raise FilmError(f"{self.path}: {fault}; give frame_rate") from None
+            self.remarks.append(f"{fault}; frame_rate counts")
             return None
         if not unit:
             self.assumed.add("s")

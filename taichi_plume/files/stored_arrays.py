@@ -115,7 +115,7 @@ class StoredArray:
         if stored.dtype.kind == "f" and len(stored):
             largest = np.nanmax(np.abs(stored), initial=0.0)
             resolution = float(np.spacing(stored.dtype.type(largest)))
-            resolution *= abs(float(found.attributes.get("scale_factor", 1.0)))
+            resolution *= abs(float(text_of(found.attributes.get("scale_factor", 1.0))))
         return Coordinate(
             values, unit_of(found.attributes) or split_unit(name)[1], resolution, found.attributes
         )
@@ -138,7 +138,7 @@ class StoredArray:
         dropped = single[: max(0, len(axes) - len(usual))]
         left = [n for n in range(len(axes)) if n not in dropped]
         orders = self._orders([(axes[n], self.shape[n], known[n]) for n in left], usual)
-        wanted = tuple(given or usual)
+        first = tuple(given or usual)
         remarks = []
         if not orders:
             named = ", ".join(f"{name or '?'}: {n}" for name, n in zip(axes, self.shape, strict=True))
@@ -147,9 +147,9 @@ class StoredArray:
             remarks.append(
                 f"axes: {', '.join(given)}, but the file has ({visible(named, 80)}); the key counts"
             )
-            orders = {wanted: [None] * len(usual)}
-        order = wanted if wanted in orders else next(iter(orders))
-        if given and order != wanted:
+            orders = {first: [None] * len(usual)}
+        order = first if first in orders else next(iter(orders))
+        if given and order != first:
             remarks.append(f"axes: {', '.join(given)}, but the file has {', '.join(order)}; the file counts")
         roles, names = [""] * len(axes), list(axes)
         for n, role, found in zip(left, order, orders[order], strict=True):
@@ -233,7 +233,7 @@ def flat(values: np.ndarray) -> np.ndarray:
 
 def chosen(path: Path, names: list[str], variable: str | None, usual: Sequence[str]) -> str:
     """Return the variable to read among `names`: the given or the usual one. Raises ArrayFileError if there is none."""
-    here = [name for each in usual for name in names if name.rpartition("/")[2] == each]
+    here = [name for each in usual for name in names if name.rpartition("/")[2].lower() == each]
     if variable is None and (len(here) == 1 or len(names) == 1):
         return (here or names)[0]
     if variable is None and here and "/" not in here[0]:
