@@ -14,18 +14,13 @@ from taichi_plume.scenario.quantities import as_written, conversion, fault, pars
 from taichi_plume.scenario.species import GAS_CONSTANT, PRESSURE, TEMPERATURE
 
 STANDARD_TEMPERATURE = 273.15  # K
-CONTROLLERS = {
-    "sccm": "cm^3/min", "sccs": "cm^3/s", "scc/min": "cm^3/min", "scc/s": "cm^3/s", "slm": "L/min", "slpm": "L/min",
-    "sl/min": "L/min", "sml/min": "mL/min", "sl/h": "L/h", "scc": "cm^3", "scm": "m^3", "scmh": "m^3/h",
-    "sm3/h": "m^3/h", "sm^3/h": "m^3/h", "nlpm": "L/min", "ln/min": "L/min", "mln/min": "mL/min",
-    "std cm3/min": "cm^3/min", "std l/min": "L/min",
-}  # fmt: skip
-"""Units of standard volumes per time in lower case, and pint's names of the volumes."""
-PLAIN = {"lpm": "L/min", "ccm": "cm^3/min", "ccs": "cm^3/s", "cc/min": "cm^3/min", "cc": "cm^3"}
-NORMAL = re.compile(r"N((?:m|c|d)?m\^?3|m?[lL])(/(?:s|min|h))?")
-"""Standard volumes with a capital N: NL/min, NmL/min, Nm3/h."""
-NANO = re.compile(r"n(?:[lL]|m\^?3|m[lL]).*")
-"""The same with a small n, which might mean nano."""
+VOLUME = re.compile(
+    r"(?P<mark>standard |std\.? ?|[sn])?(?P<volume>cc|cf|(?<=s)cm|[mcd]?m\^?3|ft\^?3|m?l)(?P<suffix>n)?"
+    r"(?:(?P<per>(?P<p>p)?[smh])|/(?P<time>s|sec|min|hr?))?"
+)
+"""Volume, also per time, in lower case: sccm, slpm, scfh, scmm, nl/min, ln/min, std cm3/min; cc/min, lpm, cfm."""
+LETTERS = {"cc": "cm^3", "cf": "ft^3", "cm": "m^3", "l": "L", "ml": "mL"}
+TIMES = {"s": "s", "m": "min", "h": "h"}
 
 
 def moles(value: object, per: str) -> float | None:
@@ -34,14 +29,19 @@ def moles(value: object, per: str) -> float | None:
     if parts is None:
         return None
     number, unit = parts
-    normal, lower = NORMAL.fullmatch(unit), unit.lower()
-    if NANO.fullmatch(unit) and lower not in CONTROLLERS:
-        return None
-    temperature = STANDARD_TEMPERATURE if normal or lower in CONTROLLERS else TEMPERATURE
-    plain = normal[1] + (normal[2] or "") if normal else CONTROLLERS.get(lower, PLAIN.get(lower, unit))
+    temperature = TEMPERATURE
+    if found := VOLUME.fullmatch(unit.lower()):
+        mark, volume = found["mark"] or found["suffix"], found["volume"]
+        if mark == "n" and unit[0] == "n" and not (found["per"] or found["suffix"]):
+            return None  # normal or nano?
+        if found["per"] and not (mark or found["p"] or volume in ("cc", "cf")):
+            return None  # such as ls
+        temperature = STANDARD_TEMPERATURE if mark else TEMPERATURE
+        time = TIMES[found["per"][-1]] if found["per"] else found["time"]
+        unit = LETTERS.get(volume, volume) + (f"/{time}" if time else "")
     for kind, size in ((f"m^3{per}", PRESSURE / (GAS_CONSTANT * temperature)), (f"mol{per}", 1.0)):
         try:
-            return number * conversion(plain, kind)[0] * size
+            return number * conversion(unit, kind)[0] * size
         except ValueError:
             continue
     return None

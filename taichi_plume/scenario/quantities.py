@@ -14,9 +14,10 @@ Number = float | str
 """Number in SI units, or a text with a unit such as "40 cm"."""
 
 _NUMBER_AND_UNIT = re.compile(
-    r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµμ%°][\w/*^ µμ%°().-]{0,40})\s*"
+    r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµμ%°][\w/*^ µμ%°().·⋅-]{0,40})\s*"
 )
 _EXPONENT = re.compile(r"([A-Za-zµμ])(-?\d)(?!\d)")  # of UDUNITS: m s-1, m3
+_PRODUCT = re.compile(r"[·⋅]|(?<=[A-Za-zµμ\d])\.(?=[A-Za-zµμ])")
 _WORD = re.compile(r"[A-Za-zµμ%°]+")
 LONGEST_UNIT = 40  # characters
 FILE_UNITS = {  # pint's names of units that files write otherwise
@@ -97,7 +98,7 @@ def parse(value: object, unit: str) -> float:
     try:
         ureg = _registry()
         return as_written(
-            float(ureg.Quantity(float(match[1]), ureg.parse_units(match[2])).to(unit).magnitude)
+            float(ureg.Quantity(float(match[1]), ureg.parse_units(_powers(match[2]))).to(unit).magnitude)
         )
     except Exception:  # pint raises a dozen kinds of errors, tokenize others: all mean the same to the user
         raise PydanticCustomError(
@@ -144,7 +145,12 @@ def _file_unit(written: str) -> str:
     text = FILE_UNITS.get(plain.lower(), plain)
     if not all(map(_UNIT_WORD.fullmatch, _WORD.findall(text))):
         text = FILE_UNITS.get(plain.lower(), plain.lower().replace("ppmv", "ppm"))
-    return _EXPONENT.sub(r"\1^\2", text)
+    return _powers(text)
+
+
+def _powers(text: str) -> str:
+    """Return a unit with the products and powers of UDUNITS, such as "mg.s-1", in pint's form."""
+    return _EXPONENT.sub(r"\1^\2", _PRODUCT.sub(" ", text))
 
 
 def as_written(value: float) -> float:
