@@ -64,13 +64,13 @@ def _require_unnamed(path: Path, variable: str | None) -> None:
 
 
 def _zarr(path: Path, variable: str | None, usual: Sequence[str]) -> StoredArray:
+    given, name = (variable or "").strip("/") or None, ""
     try:
-        groups = _zarr_groups(path)
+        groups = _zarr_groups(path, given)
     except GroupError as error:
         raise ArrayFileError(str(error)) from None
     except FAULTS:
         raise ArrayFileError(f"{path}: is neither an array nor a group of Zarr that can be read") from None
-    given, name = (variable or "").strip("/") or None, ""
     if groups[""].names == [""]:
         _require_unnamed(path, variable)
     else:
@@ -92,16 +92,20 @@ def _zarr(path: Path, variable: str | None, usual: Sequence[str]) -> StoredArray
     return StoredArray(array, array.chunks, "Zarr", _zarr_attributes(array), of_file, axes, beside, name)
 
 
-def _zarr_groups(path: Path) -> dict[str, Group]:
-    """Return the groups of a Zarr store by their paths within it, the root "" first. Raises errors of `Group`."""
+def _zarr_groups(path: Path, given: str | None) -> dict[str, Group]:
+    """Return the groups of a Zarr store by their paths within it, the root "" first; only those that hold `given`.
+
+    Raises errors of `Group`.
+    """
     groups = {"": Group(path, formats=(2, 3), codecs=CODECS)}
     left = [""]
     while left and groups[""].names != [""]:
         place = left.pop(0)
         for child in sorted((path / place).iterdir()):
+            inner = f"{place}/{child.name}".strip("/")
             is_group = (child / ".zgroup").is_file() or (child / "zarr.json").is_file()
-            if is_group and child.name not in groups[place].names and len(groups) < MOST_GROUPS:
-                inner = f"{place}/{child.name}".strip("/")
+            is_wanted = given is None or given.startswith(f"{inner}/")
+            if is_group and is_wanted and child.name not in groups[place].names and len(groups) < MOST_GROUPS:
                 with suppress(*FAULTS):  # a damaged group is none
                     groups[inner] = Group(path, inner, formats=(2, 3), codecs=CODECS)
                     left.append(inner)

@@ -109,10 +109,11 @@ class Movie:
 
     def _values(self, n: int, stored: np.ndarray) -> np.ndarray:
         """Return pixels as `picture` does, but unclipped; NaN where missing. stored: of frame n."""
-        try:
-            values = unpack(stored, self.stored.attributes)
-        except ConventionError as error:
-            raise FilmError(f"{self.path}: {error}") from None
+        with errors_as(FilmError, self.path, f"frame {n} cannot be unpacked"):
+            try:
+                values = unpack(stored, self.stored.attributes)
+            except ConventionError as error:
+                raise FilmError(f"{self.path}: {error}") from None
         values = np.where(is_missing(values) & ~np.isinf(values), np.nan, values) * self.calibration.factor
         if np.isinf(values).any() or np.nanmax(np.abs(values), initial=0.0) > LARGEST:
             raise FilmError(
