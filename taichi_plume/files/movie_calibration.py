@@ -33,25 +33,10 @@ GASES = ("concentration", "gas", "plume", "odor", "odour", "intensity")  # with 
 RATES = ("fps", "frame_rate", "framerate", "frames_per_second")
 PIXEL = "pixel_to_grid"
 REGULAR = 0.01  # pixels or frames: tolerance of equal spacing
-NUMBERS = {
-    "pixel",
-    "pixels",
-    "px",
-    "1",
-    "-",
-    "index",
-    "cell",
-    "cells",
-    "count",
-    "dimensionless",
-}  # units of numbers of pixels
+NUMBERS = {"pixel", "pixels", "px", "1", "-", "index", "cell", "cells", "count", "dimensionless"}
+"""Units of numbers of pixels."""
 RELATIVE = re.compile(r"\s*(\w+)\s+(?:since|after|from)\s+[^\d\s].*")  # seconds since start
 SHARE = re.compile(r"(mole?|molar|volume|volumetric)[ _-]*(fraction|mixing[ _-]ratio|share)", re.IGNORECASE)
-RATIO = (
-    re.compile(  # units of a share of volume or of amount; other units without dimension are no concentration
-        r"pp[mbt]|%|percent|mol|parts per|10\^-\d|1?e-\d|vol|v/v|m\^?3 ?(/|.*-3)|[lL] ?/ ?[lL]", re.IGNORECASE
-    )
-)
 
 
 class Line(NamedTuple):
@@ -273,9 +258,7 @@ class Calibration:
         """Return a unit of concentration in ppm, by the gas's molar mass for kg/m3 and the like; None if it is none."""
         if SHARE.fullmatch(unit):
             return 1e6
-        if unit[:2].upper() == "PP":
-            unit = unit.lower()
-        share = _factor(unit, "ppm") if RATIO.search(unit) else None
+        share = _factor(unit, "ppm")
         density = _factor(unit, "kg/m^3")
         return share or (density and density * self.model.vapour.ppm_per_density)
 
