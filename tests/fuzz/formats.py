@@ -171,7 +171,8 @@ def _write_maps(path: Path) -> None:
         cell=0.25,
         parts=[slice(0, 2)],
     )
-    scenario = SimpleNamespace(name="a", seeds={"seed": 1}, maps=[TimeSeriesMap(kind="time_series")])
+    maps = [TimeSeriesMap(kind="time_series")]
+    scenario = SimpleNamespace(name="a", seeds={"seed": 1}, backgrounds={}, maps=maps)
     sim: Any = SimpleNamespace(scenario=scenario, swarm=SimpleNamespace(count=0), teams=(), t=5.0)
     shutil.rmtree(path, ignore_errors=True)
     writer = MapsFile(sim, path, SimpleNamespace(series=[series]))  # type: ignore[arg-type]
