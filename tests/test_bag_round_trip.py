@@ -156,7 +156,7 @@ def test_maps_of_the_bag_and_of_the_run_are_the_same(made):
     fields = {"reading": ["/r_0/gas.raw", "/r_1/gas.raw"]}
     named = tp.maps(made.folder / "run" / "bag", model, size=(3, 2), origin=made.corner.tolist(), bag=fields)
     np.testing.assert_array_equal(named.data.estimate, bag.data.estimate)
-    assert [line for line in named.readings.topics if "assumed to be ppm" in line]
+    assert [line for line in named.readings.facts.remarks if "assumed to be ppm" in line]
 
 
 @pytest.mark.parametrize("moved", [(0.0, 0.0), (-0.25, 0.5)])

@@ -94,7 +94,7 @@ def _options(end: str) -> _Parser:
 def _of_bags(group: argparse._ArgumentGroup) -> None:
     for name, what in {
         "--topic": "of gas; repeat it for several robots (default: all of the type)",
-        "--pose": "pose of the robot, for each --topic (default: by frames, or the topic with the closest name)",
+        "--pose": "pose of the robot, or a frame, for each --topic (default: that with poses around most readings)",
         "--wind": "of wind, for each --topic (default: its neighbour, if there is any)",
     }.items():
         option(group, name, str, "TOPIC", what, action="append", default=[])

@@ -19,16 +19,8 @@ STEP = re.compile(r"\.(\w+)|\[(\d+)\]")
 EXAMPLE = "/enose.data[0]"
 MOST_LISTED = 4  # numbers of a bag that a message suggests
 ASIDE = ("header", "layout", "covariance")  # fields that hold no readings
-NO_GAS = (
-    "tf",
-    "tf2_msgs",
-    "rosgraph_msgs",
-    "rcl_interfaces",
-    "rosgraph",
-    "nav_msgs",
-    "geometry_msgs",
-    "visualization_msgs",
-)
+NO_GAS = ("tf", "tf2_msgs", "rosgraph_msgs", "rcl_interfaces", "rosgraph", "nav_msgs", "geometry_msgs",
+          "visualization_msgs")  # fmt: skip
 """Packages whose messages hold no readings."""
 
 

@@ -44,11 +44,8 @@ class Link:
         return np.stack(axes, axis=-1), turns(np.clip(times, self.t[0], self.t[-1]))
 
 
-class Step(NamedTuple):
-    """Step of a chain of frames: a link, from child to parent, or back if `is_inverse`."""
-
-    link: Link
-    is_inverse: bool
+Step = tuple[Link, bool]
+"""Link of a chain of frames, which leads from child to parent, or back if the second entry is true."""
 
 
 class Frames:
@@ -96,13 +93,13 @@ class Frames:
         Raises BagError if the frame, or an ancestor on the way, has several parents.
         """
         up, down = self.line(frame), self.line(fixed)
-        common = next((one for one in up if one in down), None)
+        common = next((name for name in up if name in down), None)
         if common is None:
             if up[-1] in self.torn:
                 raise BagError(f"{self.path}: {self.torn[up[-1]]}")
             return None
-        back = [Step(self.links[one], True) for one in reversed(down[: down.index(common)])]
-        return [*(Step(self.links[one], False) for one in up[: up.index(common)]), *back]
+        back = [(self.links[name], True) for name in reversed(down[: down.index(common)])]
+        return [*((self.links[name], False) for name in up[: up.index(common)]), *back]
 
     @property
     def names(self) -> set[str]:
@@ -114,13 +111,16 @@ class Frames:
 
         Of the usual names, BODIES, the first that a frame has counts.
         """
-        moving = [one for one in self.links if any(not self.links[up].static for up in self.line(one)[:-1])]
+        moving = []
+        for name, line in ((name, self.line(name)) for name in self.links):
+            if line[-1] not in self.torn and any(not self.links[up].static for up in line[:-1]):
+                moving.append(name)
         for body in BODIES:
-            if named := [one for one in moving if one.rpartition("/")[2] == body]:
+            if named := [name for name in moving if name.rpartition("/")[2] == body]:
                 return named
-        movers = [one for one in moving if not self.links[one].static]
-        carrying = {up for one in movers for up in self.line(one)[1:]}
-        return [one for one in movers if one not in carrying]
+        movers = [name for name in moving if not self.links[name].static]
+        carrying = {up for name in movers for up in self.line(name)[1:]}
+        return [name for name in movers if name not in carrying]
 
     def root(self, frame: str, target: str) -> str:
         """Return the frame `target` if `frame` leads to it, or else the frame's ancestor that has no parent."""
@@ -137,8 +137,7 @@ class Frames:
         for link, is_inverse in chain:
             there, turned = link.at(times)
             if is_inverse:
-                turned = turned.inv()
-                there = -turned.apply(there)
+                there, turned = -turned.inv().apply(there), turned.inv()
             place, turn = turned.apply(place) + there, turned * turn
         x = turn.apply(np.array([1.0, 0.0, 0.0]))
         heading = np.arctan2(x[:, 1], x[:, 0])
@@ -147,7 +146,7 @@ class Frames:
 
 def carrier(chain: Sequence[Step]) -> int | None:
     """Return the index of a chain's first frame that moves in its parent, the robot's body; None if all are static."""
-    return next((n for n, step in enumerate(chain) if not step.link.static), None)
+    return next((n for n, (link, _) in enumerate(chain) if not link.static), None)
 
 
 def topics_for(bag: Bag, gas: str) -> list[str]:

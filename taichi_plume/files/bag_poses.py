@@ -20,7 +20,7 @@ import numpy as np
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.bag_frames import BODIES, Frames, Pose, carrier
 from taichi_plume.files.bag_topics import POINTS, POSES, measured_poses, only, pose_topics, shared_parts
-from taichi_plume.files.bags import Bag, BagError, Sample, Series, stamp_of
+from taichi_plume.files.bags import Bag, BagError, Sample, Series, short, stamp_of
 from taichi_plume.files.tables import listed
 
 GAP = 2.0
@@ -30,26 +30,21 @@ LEADING, UNNAMED, FIXED, DRIFTING = range(4)
 
 
 class Motion(NamedTuple):
-    """Motion of a robot: poses `way` at times t (n,) [s] in a frame; here: poses of the gas sensor at its readings.
+    """Motion of a robot by a source of positions: poses `way` at times t (n,) [s] in a frame.
 
-    text: the topic or frame that gave them.
+    here: poses of the gas sensor at its readings. kind: of the source's frame, order: among sources of this kind.
+    topic: of the source, "" for a frame; text: description of the source.
     """
 
+    kind: int
+    order: tuple[float, ...]
+    topic: str
     t: np.ndarray
     way: Pose
     here: Pose
     frame: str
     text: str
     remarks: list[str]
-
-
-class Source(NamedTuple):
-    """Source of positions: the kind of its frame, its order among others of this kind, its topic or "", the motion."""
-
-    kind: int
-    order: tuple[float, ...]
-    topic: str
-    motion: Motion
 
 
 @dataclass(frozen=True)
@@ -80,58 +75,58 @@ class Positions:
         else:
             self.bag.require_one_frame(gas, "; choose the robot's positions with --pose")
             sources = self._sources(gas, read_at)
-        source = self._best(sources, gas.topic, read_at)
-        motion = source.motion
-        if source.kind > UNNAMED:
+        motion = self._best(sources, gas.topic, read_at)
+        if motion.kind > UNNAMED:
             known = {topic: self._series(topic).frame for topic in measured_poses(self.bag)}
-            others = [f"{topic} in {one}" for topic, one in known.items() if one not in ("", motion.frame)]
+            others = [
+                f"{topic} in {frame}" for topic, frame in known.items() if frame not in ("", motion.frame)
+            ]
             motion.remarks.append(
                 f"positions are in frame {motion.frame}: nothing leads from there to frame {self.target} "
                 f"(--frame chooses){'; other poses: ' + listed(others) if others else ''}"
             )
-        return motion if given else self._at_sensor(motion, source, gas.frame, read_at)
+        return motion if given else self._at_sensor(motion, gas.frame, read_at)
 
-    def _sources(self, gas: Series, read_at: np.ndarray) -> list[Source]:
+    def _sources(self, gas: Series, read_at: np.ndarray) -> list[Motion]:
         """Return all sources of the positions of the robot with this gas topic."""
         topics = pose_topics(self.bag, gas.topic, self.alone)
         found = [self._by_topic(topic, gas.topic, read_at) for topic in topics]
-        chain = self.frames.chain(gas.frame, self.frames.root(gas.frame, self.target)) if gas.frame else None
-        if chain and (self._leads(gas.frame) or carrier(chain) is not None or not topics):
+        fixed = self.frames.root(gas.frame, self.target)
+        chain = self.frames.chain(gas.frame, fixed)
+        if chain and (fixed == self.target or carrier(chain) is not None or not topics):
             return [self._by_frame(gas.frame, (-1,), read_at), *found]
         bodies = self.frames.bodies()
-        nearest = [shared_parts(gas.topic, body) for body in bodies]
-        bodies = [body for body, near in zip(bodies, nearest, strict=True) if near == max(nearest)]
-        if bodies and (self.alone or max(nearest)) and (not found or bodies[0].rpartition("/")[2] in BODIES):
-            if not found:
-                only(self.bag, bodies, f"several frames that may carry {gas.topic or 'a robot'}", "--pose")
-            if len(bodies) == 1:
-                body = self._by_frame(bodies[0], (2,), read_at)
-                body.motion.remarks.append(f"the robot is assumed to be frame {bodies[0]} (--pose chooses)")
-                found.append(body)
+        nearest = max((shared_parts(gas.topic, body) for body in bodies), default=0)
+        bodies = [body for body in bodies if shared_parts(gas.topic, body) == nearest]
+        if bodies and not found:
+            only(self.bag, bodies, f"several frames that may carry {gas.topic or 'a robot'}", "--pose")
+        if (
+            len(bodies) == 1
+            and (self.alone or nearest)
+            and (not found or bodies[0].rpartition("/")[2] in BODIES)
+        ):
+            found.append(self._by_frame(bodies[0], (2,), read_at))
+            found[-1].remarks.append(f"the robot is assumed to be frame {bodies[0]} (--pose chooses)")
         return found
 
-    def _best(self, sources: list[Source], gas: str, read_at: np.ndarray) -> Source:
+    def _best(self, sources: list[Motion], gas: str, read_at: np.ndarray) -> Motion:
         """Return the source that counts, see the module. Raises BagError."""
         bag, target = self.bag, self.target
-        if self.frame and not any(source.kind <= UNNAMED for source in sources):
-            known = {self._series(topic).frame for topic in bag.of_kind(*POSES)} | self.frames.names
-            what = f"no pose leads from {gas} to frame" if target in known else "has no frame"
-            if known - {""}:
-                raise BagError(f"{bag.path}: {what} '{target}'; it has {listed(sorted(known - {''}))}")
-        if not sources:
-            has = listed(
-                [f"{topic} ({kind.replace('/msg/', '/')})" for topic, kind in sorted(bag.kinds.items())]
-            )
-            accepted = ", ".join(kind.replace("/msg/", "/") for kind in POSES)
+        inside = [source for source in sources if source.kind <= UNNAMED or not self.frame]
+        if not inside:
+            known = {self._series(topic).frame for topic in bag.of_kind(*POSES)} - {""} | self.frames.names
+            if self.frame and known:
+                what = f"no pose leads from {gas} to frame" if target in known else "has no frame"
+                raise BagError(f"{bag.path}: {what} '{target}'; it has {listed(sorted(known))}")
             raise BagError(
                 f"{bag.path}: has no poses for {gas or 'a robot'}: neither frames that lead to it nor a topic of them "
-                f"({accepted}); it has {has}"
+                f"({short(POSES)}); it has {bag.contents}"
             )
-        share = [_coverage(source.motion, read_at) for source in sources]
-        rank = [(not s, one.kind, -round(s, 1), one.order) for one, s in zip(sources, share, strict=True)]
-        best = sources[rank.index(min(rank))]
+        share = [_coverage(source, read_at) for source in inside]
+        rank = [(not s, way.kind, -round(s, 1), way.order) for way, s in zip(inside, share, strict=True)]
+        best = inside[rank.index(min(rank))]
         if best.topic:
-            same = [one.topic for one in sources if (one.kind, one.order) == (best.kind, best.order)]
+            same = [way.topic for way in inside if (way.kind, way.order) == (best.kind, best.order)]
             only(bag, same, f"several topics of poses for {gas}", "--pose")
             bag.require_one_frame(self._series(best.topic))
         return best
@@ -141,29 +136,26 @@ class Positions:
             self.known[topic] = self.bag.series(topic, _pose_of(self.bag, topic))
         return self.known[topic]
 
-    def _leads(self, frame: str) -> bool:
-        return self.frames.chain(frame, self.target) is not None
-
     def _kind(self, frame: str) -> int:
-        if not frame:
-            return UNNAMED
-        return LEADING if self._leads(frame) else DRIFTING if "odom" in frame.lower() else FIXED
+        leads = self.frames.root(frame, self.target) == self.target
+        return UNNAMED if not frame else LEADING if leads else DRIFTING if "odom" in frame.lower() else FIXED
 
-    def _by_frame(self, frame: str, order: tuple[float, ...], read_at: np.ndarray) -> Source:
+    def _by_frame(self, frame: str, order: tuple[float, ...], read_at: np.ndarray) -> Motion:
         """Return the motion of a frame, that of a sensor or a body, in the target frame, or else in its root."""
         frames = self.frames
         fixed = frames.root(frame, self.target)
         chain = frames.chain(frame, fixed) or []
         body = carrier(chain)
-        t = np.unique(read_at[np.isfinite(read_at)]) if body is None else chain[body].link.t
-        t, way = _finite(t, frames.pose(chain[body or 0 :], t))
-        motion = Motion(t, way, frames.pose(chain, read_at), fixed, f"{frame} in frame {fixed}", [])
-        return Source(self._kind(fixed), order, "", motion)
+        t = np.unique(read_at[np.isfinite(read_at)]) if body is None else chain[body][0].t
+        t, way = in_order(t, frames.pose(chain[body or 0 :], t))
+        here, text = frames.pose(chain, read_at), f"{frame} in frame {fixed}"
+        return Motion(self._kind(fixed), order, "", t, way, here, fixed, text, [])
 
-    def _by_topic(self, topic: str, gas: str, read_at: np.ndarray) -> Source:
+    def _by_topic(self, topic: str, gas: str, read_at: np.ndarray) -> Motion:
         """Return the motion by a pose topic, by /tf in the target frame if possible."""
         frames, target, series = self.frames, self.target, self._series(topic)
-        t, values = in_order(series.times(self.stamped and series.is_stamped), series.values)
+        given = Pose(series.values[:, :3], series.values[:, 3])
+        t, way = in_order(series.times(self.stamped and series.is_stamped), given)
         frame, text, remarks = series.frame or target, f"{topic} in frame {series.frame or target}", []
         if self.stamped and not series.is_stamped:
             remarks.append(f"times of {topic} are those of recording, as its messages have no stamp")
@@ -175,61 +167,50 @@ class Positions:
         if self.bag.kinds[topic] == POINTS[0]:
             remarks.append(f"messages of {topic} have no heading: that of the motion is assumed")
             if len(t) > 1:
-                values[:, 3] = np.arctan2(np.gradient(values[:, 1], t), np.gradient(values[:, 0], t))
-        way = Pose(values[:, :3], values[:, 3])
+                x, y = np.gradient(way.place[:, :2], t, axis=0).T
+                way = Pose(way.place, np.arctan2(y, x))
         order = (frame != target, -shared_parts(gas, topic), POSES.index(self.bag.kinds[topic]))
         chain = frames.chain(frame, target)
         if chain:
-            t, way = _finite(t, frames.pose(chain, t, way))
+            t, way = in_order(t, frames.pose(chain, t, way))
             frame, text = target, f"{text}, by /tf in {target}"
-        motion = Motion(t, way, between(t, way, read_at), frame, text, remarks)
-        return Source(self._kind(series.frame), order, topic, motion)
+        here = between(t, way, read_at)
+        return Motion(self._kind(series.frame), order, topic, t, way, here, frame, text, remarks)
 
-    def _at_sensor(self, motion: Motion, source: Source, sensor: str, read_at: np.ndarray) -> Motion:
+    def _at_sensor(self, motion: Motion, sensor: str, read_at: np.ndarray) -> Motion:
         """Return a motion with the poses of a sensor's frame that is mounted on the body, if /tf says so."""
-        if not sensor or sensor == motion.frame or source.order == (-1,):
+        if not sensor or sensor == motion.frame or motion.order == (-1,):
             return motion
         line = self.frames.line(sensor)
         chain = self.frames.chain(sensor, line[-1]) or []
         mount = chain[: carrier(chain)]
         if not mount:
-            first = self.bag.first(source.topic) if source.topic else None
-            body = ros.plain_name(getattr(first, "child_frame_id", ""))
-            if sensor.rpartition("/")[2] not in BODIES and sensor != body:
-                motion.remarks.append(
-                    f"no frame leads to {sensor}: its readings are taken at the robot's position"
-                )
+            first = self.bag.first(motion.topic) if motion.topic else None
+            if sensor.rpartition("/")[2] not in BODIES and sensor != ros.plain_name(
+                getattr(first, "child_frame_id", "")
+            ):
+                motion.remarks.append(f"no frame leads to {sensor}: its readings are at the robot's position")
             return motion
-        place, heading = motion.here
-        offset = self.frames.pose(mount, read_at[:1]).place[0]
-        c, s = np.cos(heading), np.sin(heading)
-        ahead, left, up = offset
-        shift = np.stack([ahead * c - left * s, ahead * s + left * c, np.full(len(c), up)], axis=-1)
-        motion.remarks.append(
-            f"the poses of {motion.text} are assumed to be those of {line[len(mount)]}, on which {sensor} is mounted"
-        )
-        return motion._replace(here=Pose(place + shift, heading))
+        x, y, z = self.frames.pose(mount, read_at[:1]).place[0]
+        c, s = np.cos(motion.here.heading), np.sin(motion.here.heading)
+        shift = np.stack([x * c - y * s, x * s + y * c, np.full(len(c), z)], axis=-1)
+        body = f"those of {line[len(mount)]}, on which {sensor} is mounted"
+        motion.remarks.append(f"the poses of {motion.text} are assumed to be {body}")
+        return motion._replace(here=motion.here._replace(place=motion.here.place + shift))
 
 
 def gaps(t: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return the times between the poses at t (n,) [s] that are before and after `times`; 0 at a pose itself."""
-    if not len(t):
-        return np.full(len(times), np.inf)
     after = np.clip(np.searchsorted(t, times), 0, len(t) - 1)
     return np.where(t[after] == times, 0.0, t[after] - t[np.maximum(after - 1, 0)])
 
 
 def _coverage(motion: Motion, read_at: np.ndarray) -> float:
     """Return the share of readings with poses around them; those more than GAP apart count less."""
-    if not len(read_at):
+    if not len(read_at) or not len(motion.t):
         return float(len(motion.t) > 0)
     near = GAP / np.maximum(gaps(motion.t, read_at), GAP)
     return float(np.where(np.isfinite(motion.here.place).all(axis=1), near, 0.0).mean())
-
-
-def _finite(t: np.ndarray, way: Pose) -> tuple[np.ndarray, Pose]:
-    there = np.isfinite(way.place).all(axis=1)
-    return t[there], Pose(way.place[there], way.heading[there])
 
 
 def _pose_of(bag: Bag, topic: str) -> Callable[[ros.Message], Sample]:
@@ -253,11 +234,11 @@ def _pose_of(bag: Bag, topic: str) -> Callable[[ros.Message], Sample]:
     return get
 
 
-def in_order(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return sorted unique times [s] and the rows of `values` then, without rows that are not finite."""
-    good = np.isfinite(values).all(axis=1)
+def in_order(t: np.ndarray, way: Pose) -> tuple[np.ndarray, Pose]:
+    """Return sorted unique times [s] and the poses then, without those that are not finite."""
+    good = np.isfinite(t) & np.isfinite(way.place).all(axis=1) & np.isfinite(way.heading)
     t, first = np.unique(t[good], return_index=True)
-    return t, values[good][first]
+    return t, Pose(way.place[good][first], way.heading[good][first])
 
 
 def between(t: np.ndarray, way: Pose, times: np.ndarray) -> Pose:

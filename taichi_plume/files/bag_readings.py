@@ -10,7 +10,6 @@ missing readings. What was assumed is a remark.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -18,7 +17,7 @@ import numpy as np
 
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.bag_fields import Field, NumberReader, field_of
-from taichi_plume.files.bag_frames import Frames, topics_for
+from taichi_plume.files.bag_frames import Frames, Pose, topics_for
 from taichi_plume.files.bag_poses import GAP, Motion, Positions, between, gaps, in_order
 from taichi_plume.files.bag_topics import GAS, WINDS, chosen, measured_poses, robot_name, wind_topic_of
 from taichi_plume.files.bags import Bag, BagError, Sample, Series, confined, opened, stamp_of
@@ -39,8 +38,7 @@ MAP = "map"
 
 @dataclass(frozen=True)
 class BagOptions:
-    """Options of reading a ROS bag. gas, pose, wind: topics, pose and wind one per gas topic; by default all.
-    A pose may also be a frame of /tf.
+    """Options of reading a ROS bag. gas, pose (or frames), wind: topics, the last two one per gas topic; default: all.
 
     frame: frame of positions, by default map or, if the bag has none, that of the poses. sensor: index in a
     GasSensorArray. units: of gas, if messages give none or wrong units. reading: numbers in messages of any type, by
@@ -145,12 +143,8 @@ def _robot(
     series, read_at = gas.series, gas.series.times(stamped)
     remarks = list(gas.remarks)
     if not stamped:
-        count = np.count_nonzero(series.stamp > 0.0)
-        why = (
-            "other gas topics have none"
-            if series.is_stamped
-            else f"{count} of {len(read_at)} messages have one"
-        )
+        count = f"{np.count_nonzero(series.stamp > 0.0)} of {len(read_at)} messages have one"
+        why = "other gas topics have none" if series.is_stamped else count
         remarks.append(f"times of {gas.name} are those of recording instead of stamps: {why}")
     motion = positions.motion(series, read_at, pose_topic)
     known = np.isfinite(motion.here.place).all(axis=1) & np.isfinite(read_at)
@@ -170,10 +164,8 @@ def _robot(
         remarks.append(f"{count} readings of {gas.name} have no pose before and after them and are left out")
     apart = gaps(motion.t, read_at[known])
     if (far := apart > GAP).any():
-        remarks.append(
-            f"{far.sum()} of {len(known)} readings of {gas.name} lie between poses of {motion.text} that are up to "
-            f"{apart.max():.3g} s apart"
-        )
+        count = f"{far.sum()} of {len(known)}"
+        remarks.append(f"{count} readings of {gas.name} lie between poses up to {apart.max():.3g} s apart")
     return RecordedRobot(
         robot_name(series.topic),
         motion.t,
@@ -191,15 +183,13 @@ def _robot(
 
 def _without_gas(bag: Bag, options: BagOptions) -> list[RecordedRobot]:
     """Return robots with the trajectories of the pose topics, or of the frames, and without readings."""
-    first: dict[str, str] = {}
-    for topic in measured_poses(bag) or [""]:
-        if not first or bag.kinds[topic] == bag.kinds[next(iter(first.values()))]:
-            first.setdefault(robot_name(topic), topic)
+    poses = measured_poses(bag)
+    first = {robot_name(topic): topic for topic in poses[::-1] if bag.kinds[topic] == bag.kinds[poses[0]]}
     none, target, robots = np.zeros((0, 2)), ros.plain_name(options.frame or MAP), []
-    for topic in options.pose or first.values():
+    for topic in options.pose or list(first.values())[::-1] or [""]:
         series = Series(topic, none[:, 0], none[:, 0], (), none)
         frames = Frames(bag, True, topics_for(bag, topic))
-        positions = Positions(bag, options.frame, target, frames, True, len(first) == 1, {})
+        positions = Positions(bag, options.frame, target, frames, True, len(first) < 2, {})
         motion = positions.motion(series, none[:, 0], topic if options.pose else None)
         name = robot_name(topic) if topic in bag.kinds else "robot"
         row = (none[:, 0], none, none[:, 0], none, f"positions of {motion.text}", motion.frame)
@@ -280,15 +270,6 @@ def _complete(name: str, series: Series, units: str, assumed: bool) -> _Gas:
     return _Gas(name, replace(series, values=np.where(missing, np.nan, ppm)[:, None]), units, remarks)
 
 
-@cache
-def _in_ppm(where: str, units: str) -> float:
-    """Return a unit of gas in ppm. Raises BagError."""
-    try:
-        return conversion(units, "ppm")[0]
-    except ValueError:
-        raise BagError(f"{where}: the unit of gas is {units}, not ppm, ppb or ohm; give --units") from None
-
-
 def _ppm(where: str, raw: float, units: str, sensor: ros.Message, options: BagOptions) -> float:
     """Convert a raw gas reading to ppm. sensor: its GasSensor message or None. Raises BagError.
 
@@ -296,7 +277,12 @@ def _ppm(where: str, raw: float, units: str, sensor: ros.Message, options: BagOp
     """
     resistance = SCALES["ohm"].get(units.removesuffix("s"))
     if resistance is None:
-        return raw * _in_ppm(where, units)
+        try:
+            return raw * conversion(units, "ppm")[0]
+        except ValueError:
+            raise BagError(
+                f"{where}: the unit of gas is {units}, not ppm, ppb or ohm; give --units"
+            ) from None
     raw *= resistance
     known = vars(sensor) if sensor else {}
     # in ROS 1 these names end in a capital
@@ -343,9 +329,7 @@ def _wind(
     if not frame:
         remarks.append(f"messages of {topic} name no frame: wind along the axes of {motion.frame} is assumed")
     elif frame == positions.target and frame != motion.frame:
-        remarks.append(
-            f"wind of {topic} is along the axes of {frame}, those of {motion.frame} are assumed to be the same"
-        )
+        remarks.append(f"wind of {topic} is along the axes of {frame}, assumed to be those of {motion.frame}")
     elif frame != motion.frame:
         chain = frames.chain(frame, motion.frame)
         turned = frames.pose(chain, t) if chain else between(motion.t, motion.way, t)
@@ -353,9 +337,9 @@ def _wind(
         wind = np.stack([c * wind[:, 0] - s * wind[:, 1], s * wind[:, 0] + c * wind[:, 1]], axis=-1)
         if not chain:
             remarks.append(
-                f"no frame leads to the anemometer's, {frame}: its x axis is assumed to be the robot's"
+                f"no frame leads to the anemometer's, {frame}: its axes are assumed to be the robot's"
             )
-    t, wind = in_order(t, wind)
+    t, (wind, _) = in_order(t, Pose(wind, np.zeros(len(t))))
     if not len(t):
         return np.zeros((len(read_at), 2)), remarks
     return np.stack([np.interp(read_at, t, axis, left=0.0, right=0.0) for axis in wind.T], axis=-1), remarks

@@ -39,12 +39,9 @@ def chosen(bag: Bag, given: Sequence[str], kinds: Sequence[str], what: str, opti
             return [only(bag, topics, f"several topics that may be {what}", option)]
         if topics:
             return topics
-    has = listed([f"{topic} ({kind.replace('/msg/', '/')})" for topic, kind in sorted(bag.kinds.items())])
     numbers = suggestions(bag) if kinds == GAS else ""
     hint = f"; name a number by --reading, such as {numbers}" if numbers else ""
-    raise BagError(
-        f"{bag.path}: has no topic of {what} of a type that is known; it has {has or 'none'}{hint}"
-    )
+    raise BagError(f"{bag.path}: has no topic of {what} of a type that is known; it has {bag.contents}{hint}")
 
 
 def measured_poses(bag: Bag) -> list[str]:
@@ -60,8 +57,6 @@ def pose_topics(bag: Bag, gas: str, alone: bool) -> list[str]:
     alone: whether the bag has one robot, to which topics of enclosing namespaces, such as /amcl_pose, belong too.
     """
     poses = measured_poses(bag)
-    if not poses:
-        return []
     around = [topic for topic in poses if alone and shared_parts(gas, topic) == topic.strip("/").count("/")]
     return list(dict.fromkeys([*_nearest(gas, poses), *around]))
 
@@ -78,7 +73,7 @@ def wind_topic_of(bag: Bag, gas: str, given: str | None) -> str | None:
 def _nearest(gas: str, topics: Sequence[str]) -> list[str]:
     """Return those of the topics that share most leading name parts ("/a/b") with a gas topic."""
     shared = [shared_parts(gas, topic) for topic in topics]
-    return [topic for topic, count in zip(topics, shared, strict=True) if count == max(shared)]
+    return [topic for topic, count in zip(topics, shared, strict=True) if count == max(shared, default=0)]
 
 
 def only(bag: Bag, topics: Sequence[str], several: str, option: str) -> str:

@@ -84,6 +84,11 @@ class Bag:
         used = [connection for connection in reader.connections if connection.msgcount]
         self.kinds = {topic.topic: OLD_NAMES.get(topic.msgtype, topic.msgtype) for topic in used}
 
+    @property
+    def contents(self) -> str:
+        """Topics and their message types, as a text."""
+        return listed([f"{topic} ({short([kind])})" for topic, kind in sorted(self.kinds.items())]) or "none"
+
     def of_kind(self, *kinds: str) -> list[str]:
         """Return the topics of these message types, in natural order (r2 before r10)."""
         topics = [topic for topic, kind in self.kinds.items() if kind in kinds]
@@ -130,8 +135,9 @@ class Bag:
                 f"{self.path}: has no topic '{topic}'; it has {listed(sorted(self.kinds)) or 'none'}"
             )
         if self.kinds[topic] not in kinds:
-            allowed = ", ".join(kind.replace("/msg/", "/") for kind in kinds)
-            raise BagError(f"{self.path}: '{topic}' is of type {self.kinds[topic]}; {allowed} can be used")
+            raise BagError(
+                f"{self.path}: '{topic}' is of type {self.kinds[topic]}; {short(kinds)} can be used"
+            )
 
 
 def is_bag(path: Path) -> bool:
@@ -210,6 +216,11 @@ def check(path: Path) -> None:
         parse(text, "the metadata of a bag", dates=True, aliases=False, longest_text=LONGEST_METADATA)
     except LineError as fault:
         raise BagError(f"{metadata}: {fault}") from None
+
+
+def short(kinds: Iterable[str]) -> str:
+    """Return message types as a text, as ROS 1 names them."""
+    return ", ".join(kind.replace("/msg/", "/") for kind in kinds)
 
 
 def stamp_of(header: ros.Message) -> float:

@@ -54,8 +54,8 @@ class Replay(AnyAlgorithm):
     topics: Annotated[tuple[str, ...], Field(max_length=1000)] = ()
     """Topics of gas in a bag, each of a robot; unless given, all of the first type that there is."""
     poses: Annotated[tuple[str, ...], Field(max_length=1000)] = ()
-    """Topics of poses in a bag, one for each topic of gas. Unless given, frames of the bag give the poses or, without
-    frames, the topic of poses with the most similar name."""
+    """Topics of poses in a bag, or frames of its robots, one for each topic of gas. Unless given, the source with poses
+    around most readings counts."""
     readings: Annotated[tuple[str, ...], Field(max_length=1000)] = ()
     """Numbers in messages of any type that are gas readings, by topic and field, such as `/enose.data[0]`."""
     units: Literal["ppm", "ppb"] | None = None

@@ -113,6 +113,7 @@ def split(text: str) -> tuple[float, str] | None:
     return (float(match[1]), match[2].strip()) if match and not _TOWER.search(match[2]) else None
 
 
+@cache
 def conversion(written: str, unit: str) -> tuple[float, float]:
     """Return (factor, offset) of a unit, as files write it: value in `unit` = factor * value + offset.
 

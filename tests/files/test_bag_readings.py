@@ -392,6 +392,23 @@ def test_the_source_with_poses_around_most_readings_counts(every, tmp_path):
         assert "1 of 18" in dropped
 
 
+def test_the_body_of_the_frames_counts_before_sparse_poses(tmp_path):
+    """Even if no topic of odometry was recorded; frames of nobody's are no reason to refuse."""
+    sparse = [(t, "/amcl_pose", pose(t, 3.0, 0.2 * t, 0.0, LOCALISED, "map")) for t in (0.0, 5.5)]
+    cup = [
+        (t, "/tf", transforms(t, (hand, "cup", 0, 0, 0), ("cup", "tea", t, 0, 0)))
+        for t, hand in ((1, "a"), (2, "b"))
+    ]
+    links = [(t, "/tf", transforms(t, ("odom", "base_link", t * t, 0, 0))) for t in np.arange(0.0, 6.0, 0.25)]
+    bag = write(tmp_path / "a", [*sparse, *cup, *CORRECTION, *links, *floats("/gas")])
+    (one,) = bag_readings.read(bag)
+    np.testing.assert_allclose(one.at, np.column_stack([np.full(len(AT), 4.0), -1.0 + AT**2]), atol=1e-9)
+    with refused(BagError, bag, "has no frame 'earth'; it has a, base_link, cup, map, odom, tea"):
+        bag_readings.read(bag, BagOptions(frame="earth"))
+    (given,) = bag_readings.read(bag, BagOptions(frame="odom"))
+    np.testing.assert_allclose(given.at[:, 0], AT**2, atol=1e-9)
+
+
 @pytest.mark.parametrize("moving", [False, True])
 def test_frames_beside_the_target_lead_to_it(moving, tmp_path):
     """As tf2 looks up: from the frame of the poses up to the common ancestor, and down; here world, and map in it."""
