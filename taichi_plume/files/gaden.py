@@ -31,12 +31,16 @@ NEIGHBOURS = 12  # number of nearest centres, among which is the nearest cube
 
 @dataclass(frozen=True)
 class Occupancy:
-    """GADEN's occupancy grid. low: lower corner [m]; size: edge of a cube [m]; cubes: air 0, wall 1, outlet 2."""
+    """GADEN's occupancy grid. low: lower corner [m]; size: edge of a cube [m]; cubes: air 0, wall 1, outlet 2.
+
+    remarks: what was assumed.
+    """
 
     path: Path
     low: np.ndarray
     size: float
     cubes: np.ndarray
+    remarks: tuple[str, ...] = ()
 
     @property
     def high(self) -> np.ndarray:

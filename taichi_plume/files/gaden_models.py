@@ -10,9 +10,10 @@ upper voxel. A closed body around `empty_point` is the hull of the air. The mode
     simulations/SIM.yaml                              GADEN 2, where it lists models for variables of that file
 """
 
+import os
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -25,12 +26,14 @@ from scipy.sparse.csgraph import connected_components
 from taichi_plume.files.gaden import Occupancy
 from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.grid.mesh_files import MeshError, read_mesh
+from taichi_plume.guard.safe_open import moved
 from taichi_plume.scenario.loading import ScenarioError, read_mapping
 
 OLD = "preproc_params.yaml"
 NEEDS = "a configuration lists its models"
 SIMULATIONS = "simulations"
-VARIABLE = re.compile(r"\$\(var (\w+)\)")
+VARIABLE = re.compile(r"\$\(var\s+(\w+)\)")
+PACKAGE = re.compile(r"package://[^/]*/|.*\)[^/]*/")  # the start of a path that ROS resolves
 MOST_VOXELS = 50_000_000
 MOST_PAIRS = 10_000_000  # pairs of a triangle and a voxel in its bounding box
 PER_BODY = 500  # pairs that take as long as a body
@@ -57,19 +60,20 @@ def _is_simulation(path: Path) -> bool:
     return path.parent.name == SIMULATIONS and path.name not in (OLD, "sim.yaml")
 
 
-def parameters(path: Path, data: Mapping[str, Any], node: str) -> dict[str, Any]:
+def parameters(path: Path, data: Mapping[str, Any], node: str, needs: str = NEEDS) -> dict[str, Any]:
     """Return the parameters of a ROS node in a parameter file, over those of all nodes ("/**"). Raises ScenarioError.
 
-    data: content of the file at `path`.
+    data: content of the file at `path`; node: name without a namespace, in which it may be; needs: end of the message.
     """
     found: dict[str, Any] = {}
-    for name in ("/**", f"/**/{node}", f"/{node}", node):
-        part = data.get(name)
+    names = [name for name in map(str, data) if name.rpartition("/")[2] in ("**", node)]
+    for name in sorted(names, key=lambda name: (not name.endswith("**"), "*" not in name)):
+        part = data[name]
         if isinstance(part, dict) and isinstance(part.get("ros__parameters"), dict):
             found |= part["ros__parameters"]
     if not found:
-        missing = "ros__parameters" if node in data else node
-        raise ScenarioError([f"{path}: has no {missing}; {NEEDS}"])
+        missing = "ros__parameters" if names else node
+        raise ScenarioError([f"{path}: has no {missing}; {needs}"])
     return found
 
 
@@ -97,7 +101,8 @@ def occupancy(path: Path) -> Occupancy:
     size = number(config.get("cell_size", 0.1), 1e-3, 100.0)
     if size is None:
         raise WindFileError(f"{path}: cell_size: got {config['cell_size']!r}, must be from 0.001 to 100 m")
-    models, outlets = (_triangles(path, config, key) for key in ("models", "outlets_models"))
+    remarks: list[str] = []
+    models, outlets = (_triangles(path, config, key, remarks) for key in ("models", "outlets_models"))
     if not len(models):
         raise WindFileError(f"{path}: models: lists no STL file")
     corners = np.concatenate([models, outlets]).reshape(-1, 3)
@@ -132,7 +137,7 @@ def occupancy(path: Path) -> Occupancy:
                 box[inside] = value
             for cells in _crossed(body - begin, box.shape, work, closed):
                 box[tuple(cells.T)] = value
-    return _filled(path, cubes, seed, low, size)
+    return replace(_filled(path, cubes, seed, low, size), remarks=tuple(remarks))
 
 
 @dataclass
@@ -182,13 +187,15 @@ def number(value: object, least: float, most: float) -> float | None:
 # ---------------------------------------------------------------- models
 
 
-def models_of(path: Path, config: Mapping[str, Any], key: str) -> list[Path]:
-    """Return the STL files under key `models` or `outlets_models` of a configuration. Raises WindFileError."""
+def models_of(path: Path, config: Mapping[str, Any], key: str) -> list[str]:
+    """Return the names of STL files at key `models` or `outlets_models` of a configuration. Raises WindFileError."""
     listed = config.get(key)
     if listed is None:  # the older form: model_0, model_1
         old = {"models": ("model",), "outlets_models": ("outlets_model", "outlet_model")}[key]
         keys = [f"{name}_{n}" for name in old for n in range(len(config))]
         listed = [config[key] for key in keys if key in config]
+    if isinstance(listed, str) and listed.lower().endswith(".stl"):
+        listed = [listed]
     if isinstance(listed, str) and VARIABLE.search(listed):
         raise WindFileError(
             f"{path}: {key}: {listed} stands for a list in simulations/; name a file of that folder"
@@ -196,32 +203,39 @@ def models_of(path: Path, config: Mapping[str, Any], key: str) -> list[Path]:
     if not isinstance(listed, list):
         raise WindFileError(f"{path}: {key}: got {listed!r}, must be a list of STL files")
     names = [name for name in listed if isinstance(name, str) and not name.startswith("!")]
-    return [located(path, name) for name in names if name.lower().endswith(".stl")]
+    return [name for name in names if name.lower().endswith(".stl")]
 
 
-def located(path: Path, name: str) -> Path:
-    """Return the path of a file named in a configuration; names may contain ROS variables or `package://`.
+def located(path: Path, name: str) -> tuple[Path, str]:
+    """Return the path of a file named in a configuration, and a remark if the file lies elsewhere.
 
-    A variable stands for a package around the project: the rest of the name is looked up in the project's folder and
-    in folders above. If the file does not exist, the path in the project's folder is returned.
+    Names may begin with a ROS variable or `package://`, which stand for a package around the project, or be those of
+    another computer: their ends are looked up in the project's folder and in three folders above. If the file does not
+    exist, the stated path is returned.
     """
     home = path.parent.parent if path.name == OLD or _is_simulation(path) else path.parent
-    parts = name.split("/")
-    if name.startswith("package://"):
-        rest = parts[3:]
-    else:
-        last = max((n for n, part in enumerate(parts) if ")" in part or "$" in part), default=-1)
-        rest = parts[last + 1 :]
-        if last < 0:
-            return home / name
-    candidates = (folder / "/".join(rest) for folder in (home, *list(home.parents)[:3]))
-    return next((file for file in candidates if file.is_file()), home / "/".join(rest))
+    plain = PACKAGE.sub("", name, count=1)
+    if plain == name and os.path.isfile(home / name):
+        return home / name, ""
+    found = moved(name, [home, *home.parents[:3]])
+    if found is None:
+        return home / plain, ""
+    is_stated = plain != name and found.as_posix().endswith(f"/{plain}")
+    return (
+        found,
+        "" if is_stated else f"{name} is not there; {os.path.relpath(found, home)} in {home} is read",
+    )
 
 
-def _triangles(path: Path, config: Mapping[str, Any], key: str) -> np.ndarray:
-    """Return the corners (n, 3, 3) [m] of all triangles of the STL files under a key of a configuration."""
+def _triangles(path: Path, config: Mapping[str, Any], key: str, remarks: list[str]) -> np.ndarray:
+    """Return the corners (n, 3, 3) [m] of all triangles of the STL files under a key of a configuration.
+
+    Adds to the remarks files that lie elsewhere.
+    """
     parts = [np.empty((0, 3, 3))]
-    for file in models_of(path, config, key):
+    for name in models_of(path, config, key):
+        file, remark = located(path, name)
+        remarks += [f"{key}: {remark}"] if remark else []
         try:
             mesh = read_mesh(file)
         except MeshError as error:

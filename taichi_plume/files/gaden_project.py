@@ -48,6 +48,8 @@ KEYS = {  # of GADEN 3, its first versions and GADEN 2; the default
     "duration": (("sim_time",), 0.0),
     "stop_steps": (("filament_stop_steps",), 0.0),
 }
+USED = {key for keys, _ in KEYS.values() for key in keys}
+USED |= {"allow_looping", "loop_from_step", "loop_to_step", "variable_rate", "gas_type"}
 GRAVITIES = {"fluorine": 1.31, "biogas": 0.8, "smoke": 0.89}
 """Specific gravities (air: 1) in GADEN's source code of gases that have no molar mass here."""
 DIFFUSIVITY = 1.5e-5  # m²/s, assumed for these gases: about that of light gases in air
@@ -80,9 +82,9 @@ class _Project:
             raise self.wrong(f"{key}: got {value!r}, must be a number of 0 or more")
         return number
 
-    def flag(self, key: str) -> bool:
-        """Return a simulation parameter that is true or false, by default false. Raises ScenarioError."""
-        value = self.sim.get(key, False)
+    def flag(self, key: str, data: dict[str, Any] | None = None) -> bool:
+        """Return a value that is true or false, by default false, of the simulation or `data`. Raises ScenarioError."""
+        value = (self.sim if data is None else data).get(key, False)
         if not isinstance(value, bool) and value not in (0, 1):
             raise self.wrong(f"{key}: got {value!r}, must be true or false")
         return bool(value)
@@ -149,32 +151,41 @@ def _project_at(path: Path) -> _Project:
     if file.name == "sim.yaml":
         home = home.parent
         return _Project(file, sim, configuration(home / "config.yaml"), home / "config.yaml", home, True)
+    notes: list[str] = []
+    plain_sim, sim = sim, _with_parameters(file, sim, home, notes)
     listing = home / "params" / OLD
     if not listing.is_file():
-        return _Project(file, _with_parameters(file, sim, home), {}, listing, home, False)
+        return _Project(file, sim, {}, listing, home, False, notes)
     plain = configuration(listing)
-    config = {key: substituted(value, sim) for key, value in plain.items()}
+    config = {key: substituted(value, plain_sim) for key, value in plain.items()}
     if any(config[key] != value for key, value in plain.items() if key != "wind_files"):
         listing = file  # the models, or the grid, depend on the simulation
-    return _Project(file, _with_parameters(file, sim, home), config, listing, home, False)
+    return _Project(file, sim, config, listing, home, False, notes)
 
 
-def _with_parameters(file: Path, sim: dict[str, Any], home: Path) -> dict[str, Any]:
+def _with_parameters(file: Path, sim: dict[str, Any], home: Path, notes: list[str]) -> dict[str, Any]:
     """Return the keys of a simulation of GADEN 2 with the parameters that the simulator takes from gaden_params.yaml.
 
-    The simulation's values stand for variables $(var NAME) there. Raises ScenarioError.
+    The simulation's values stand for variables $(var NAME) there; those without a value are added to the notes. Raises
+    ScenarioError.
     """
     found = next((home / name for name in PARAMETERS if (home / name).is_file()), None)
     if found is None:
         return sim  # `_loop` says so
-    data = read_mapping(found, "it has the simulator's parameters")
+    needs = "it has the simulator's parameters"
+    data = read_mapping(found, needs)
     values = {
         key: substituted(value, sim)
-        for key, value in parameters(found, data, "gaden_filament_simulator").items()
+        for key, value in parameters(found, data, "gaden_filament_simulator", needs).items()
     }
-    known = {
-        key: value for key, value in values.items() if not (isinstance(value, str) and VARIABLE.search(value))
-    }
+    known = {}
+    for key, value in values.items():
+        if not isinstance(value, str) or not VARIABLE.search(value):
+            known[key] = value
+        elif key in USED - sim.keys():
+            notes.append(
+                f"gaden: {found}: {key}: {value} has no value in {file.name}; GADEN's default is taken"
+            )
     for axis in "xyz":
         if f"source_position_{axis}" in known:
             known[f"source_{axis}"] = known.pop(f"source_position_{axis}")
@@ -201,8 +212,8 @@ def _wind_files(project: _Project, folder: Path) -> Path:
         wind, place = project.sim.get("wind_sim_path"), project.home / "wind_simulations"
         given = project.sim.get("wind_data") or (project.config.get("wind_files") if wind is None else None)
         if isinstance(given, str) and "$(var wind_sim_path)" not in given:
-            first = gaden_models.located(project.listing, f"{given}_0.csv")
-            wind, place = str(first).removesuffix("_0.csv"), Path()
+            wind = given
+            place = project.home
         elif wind is None:  # the launch file gives it; only one wind may exist
             files = sorted(place.glob("**/*_0.csv"))
             if len(files) == 1:
@@ -212,13 +223,19 @@ def _wind_files(project: _Project, folder: Path) -> Path:
                 raise project.wrong(f"wind_sim_path: is missing; set it to one of the winds {names}")
     if not isinstance(wind, str) or not wind:
         raise project.wrong("names no wind files; set unprocessed_wind_files, or wind_sim_path")
+    for end in ("_0.csv", "", ".csv") if place == project.home else ():
+        file, remark = gaden_models.located(project.listing, wind + end)
+        if os.path.isfile(file):
+            if remark:
+                project.note(f"its wind {remark}")
+            return Path(os.path.relpath(str(file).removesuffix(end), folder))
     return Path(os.path.relpath(place / wind, folder))
 
 
 def _wind(project: _Project, folder: Path) -> dict[str, Any]:
     """Return files, interval and loop of the scenario's `wind`."""
     stem = _wind_files(project, folder)
-    if project.config.get("uniformWind") is True:
+    if project.flag("uniformWind", project.config):
         names = (str(stem), f"{stem}_0.csv", f"{stem}.csv")
         file = next((name for name in names if (folder / name).is_file()), names[1])
         fault = unopenable(folder / file)
@@ -245,8 +262,10 @@ def _wind(project: _Project, folder: Path) -> dict[str, Any]:
 def _loop(project: _Project, count: int, interval: float) -> dict[str, Any]:
     """Return the keys of the wind's loop; count: number of wind files, interval: time between them [s]."""
     loop = next((project.sim[key] for key in ("windLooping", "wind_looping") if key in project.sim), None)
+    if isinstance(loop, bool):
+        loop = {"loop": loop}
     if isinstance(loop, dict):
-        given = bool(loop.get("loop")), loop.get("from", 0), loop.get("to", count - 1)
+        given = project.flag("loop", loop), loop.get("from", 0), loop.get("to", count - 1)
     elif loop is None and not project.new:
         if "allow_looping" not in project.sim:
             project.note(f"states no loop of its wind ({PARAMETERS[0]}: allow_looping); none is assumed")
@@ -255,8 +274,10 @@ def _loop(project: _Project, count: int, interval: float) -> dict[str, Any]:
             project.sim.get("loop_from_step", 1),
             project.sim.get("loop_to_step", 100),
         )
-    else:
+    elif loop is None:
         return {"loop": False}
+    else:
+        raise project.wrong(f"the loop of its wind: got {loop!r}, must be a mapping with loop, from and to")
     is_looped, first, last = given
     numbers = [gaden_models.number(x, 0, 1e9) for x in (first, last)]
     if None in numbers:
@@ -353,12 +374,18 @@ def _gas(project: _Project, low: np.ndarray) -> dict[str, Any]:
             raise project.wrong(f"radius: got {source.get('radius')!r}, must be a length in m")
     elif shape != "point":
         project.note(f"a source of type {shape} is released from a point, its position")
-    if not isinstance(kind, int) or isinstance(kind, bool) or not 0 <= kind < len(GASES):
-        raise project.wrong(f"gasType: got {kind!r}, must be a number from 0 to {len(GASES) - 1}")
+    name, number = str(kind).lower(), gaden_models.number(kind, 0, len(GASES) - 1)
+    if number is not None and number.is_integer():
+        name = GASES[int(number)]
+    if name not in GASES:
+        named = ", ".join(GASES)
+        raise project.wrong(
+            f"gasType: got {kind!r}, must be a number from 0 to {len(GASES) - 1} or one of {named}"
+        )
     sigma, rate, step = project.number("sigma") / 100.0, project.number("rate"), project.number("step")
     if not sigma or not rate or not step:
         raise project.wrong("its filaments need a size, a rate and a time step above 0")
-    species, remark = species_of(GASES[kind])
+    species, remark = species_of(name)
     molar_mass = SPECIES[species].molar_mass if isinstance(species, str) else species["molar_mass"]
     if remark:
         project.note(remark)

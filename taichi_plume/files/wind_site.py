@@ -33,6 +33,7 @@ class Site:
         case = openfoam_case.series(folder / wind.files)
         self.remarks = dict.fromkeys(case.remarks if case else ())  # without repeats, in their order
         self.grid = occupancy.read(folder / wind.occupancy) if wind.occupancy else None
+        self.remarks |= dict.fromkeys(self.grid.remarks if self.grid else ())
         self._uniform = self._uniform_wind(folder / wind.files) if case is None else {}
         if case:
             self.files = case.files

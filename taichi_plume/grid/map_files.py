@@ -11,18 +11,19 @@ map_saver writes unknown pixels in grey 205, p = 0.196, and nav2's version of it
 pixels are free. `RosMap.marked` has them.
 """
 
+import os
 import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO
-from pathlib import Path, PureWindowsPath
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from taichi_plume.grid.shapes import ShapeError
-from taichi_plume.guard.safe_open import content_of, inside
+from taichi_plume.guard.safe_open import content_of, inside, moved
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.guard.yaml_text import LineError, decode, parse
 
@@ -187,29 +188,22 @@ def _yaml(path: Path) -> dict[str, object]:
 def _image(path: Path, data: Mapping[str, object]) -> tuple[Path, list[str]]:
     """Return the path of the map's picture, and a remark if it is another than the YAML file states.
 
-    A path that leads out of the YAML file's folder, links followed, or to no file, is that of another computer: the
-    picture of the same name beside the YAML file is then taken. Raises MapError if there is none.
+    A path that leads out of the YAML file's folder, links followed, or to no file, is that of another computer: see
+    `moved`. Raises MapError if there is no such picture in the folder.
     """
     name = data["image"]
     if not isinstance(name, str) or not name:
         raise _wrong(path, f"image: must be the name of a picture, got {_shown(name)}")
     stated = path.parent / name
     is_inside = inside(stated, path.parent)
-    beside = path.parent / PureWindowsPath(name).name
-    if not (is_inside and _exists(stated)) and beside != stated and _exists(beside):
-        if inside(beside, path.parent):
-            return beside, [f"image: {_shown(name)} is not there; {beside.name} beside the YAML file is read"]
+    found = None if is_inside and os.path.isfile(stated) else moved(name, [path.parent])
+    if found is not None and inside(found, path.parent):
+        return found, [
+            f"image: {_shown(name)} is not there; {found.relative_to(path.parent)} beside the YAML file is read"
+        ]
     if not is_inside:
         raise _wrong(path, f"image: {_shown(name)} lies outside its folder; put the picture beside it")
     return stated, []
-
-
-def _exists(path: Path) -> bool:
-    """Return whether a path is a file; False for an impossible file name."""
-    try:
-        return path.is_file()
-    except (ValueError, OSError):
-        return False
 
 
 def _picture(path: Path, image: Path) -> tuple[np.ndarray, int, np.ndarray | None]:

@@ -10,15 +10,16 @@ list the files for the manifest. A reader that keeps content in a cache calls `a
 import errno
 import os
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from io import BufferedReader
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 from taichi_plume.guard.input_error import InputError
 
 FLAGS = os.O_RDONLY | sum(vars(os).get(name, 0) for name in ("O_NONBLOCK", "O_NOCTTY", "O_BINARY"))
+LONGEST_END = 12  # folders and file name of a path of another computer that are looked up
 NO_NAME = "no file can have this name, for a null byte or half a character in it"
 ALLOW = "if it is what you want to be read, add --allow-outside (in Python: allow_outside=True)"
 OUTSIDE = f"lies outside the scenario's folder; {ALLOW}"
@@ -51,6 +52,21 @@ def inside(path: str | Path, folder: Path) -> bool:
         return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
     except ValueError:  # a zero byte or a lone surrogate, which `open` refuses
         return True
+
+
+def moved(name: str, folders: Sequence[Path]) -> Path | None:
+    """Return the file that a path of another computer means: that of the longest end of the path in one of `folders`.
+
+    None if there is none. The bare name of the file is looked up in the first folder only. name: path with slashes or
+    backslashes.
+    """
+    parts = PureWindowsPath(name).parts
+    begin = max((n + 1 for n, part in enumerate(parts) if part == ".."), default=0)
+    for n in range(max(begin, len(parts) - LONGEST_END), len(parts)):
+        for folder in folders if n + 1 < len(parts) else folders[:1]:
+            if os.path.isfile(file := folder.joinpath(*parts[n:])):
+                return file
+    return None
 
 
 def require_inside(path: Path) -> None:

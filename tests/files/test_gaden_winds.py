@@ -88,7 +88,15 @@ def test_parameters_of_the_simulator_are_read(tmp_path, place):
 
 
 def test_a_parameter_of_its_own_wins_over_a_value_of_the_simulation(tmp_path):
-    air, gas, _ = loaded(version_2(tmp_path, parameters={"num_filaments_sec": 5, "gas_type": "$(var away)"}))
+    parameters = {
+        "num_filaments_sec": 5,
+        "gas_type": "$(var away)",
+        "pressure": "$(var p)",
+        "frame": "$(var map)",
+    }
+    air, gas, notes = loaded(version_2(tmp_path, parameters=parameters))
+    assert "gaden_params.yaml: pressure: $(var p) has no value in sim1.yaml" in notes
+    assert len(notes.splitlines()) == 1  # the simulation has a gas_type, and nothing uses the frame
     assert gas.release_rate == 5.0
     assert gas.species == "ethanol"
     assert air.interval == 3.0
@@ -137,6 +145,77 @@ def test_the_loop_of_version_3(tmp_path):
     path = project(tmp_path / "room", {"windLooping": {"loop": True, "from": 1, "to": 1}})
     air = loaded(path)[0]
     assert (air.loop, air.loop_from, air.loop_to) == (True, 2.0, None)
+
+
+@pytest.mark.parametrize(
+    ("looping", "loop"),
+    [(True, True), (False, False), ({"loop": False, "from": 0, "to": 1}, False), ({"loop": "false"}, "got 'false'"),
+     ("yes", "got 'yes'"), ([0, 1], r"got \[0, 1\]")],
+)  # fmt: skip
+def test_a_flag_of_the_loop_of_version_3(tmp_path, looping, loop):
+    path = project(tmp_path, {"windLooping": looping})
+    if isinstance(loop, bool):
+        assert loaded(path)[0].loop is loop
+    else:
+        with pytest.raises(ScenarioError, match=loop):
+            load(path)
+
+
+@pytest.mark.parametrize("node", ["/lab/gaden_filament_simulator", "/**/gaden_filament_simulator", "/lab/**"])
+def test_a_node_with_a_namespace(tmp_path, node):
+    path = version_2(tmp_path)
+    file = tmp_path / "room/params/gaden_params.yaml"
+    file.write_text(file.read_text().replace("gaden_filament_simulator", node))
+    assert loaded(path)[0].interval == 3.0
+    file.write_text("other: {ros__parameters: {a: 1}}")
+    with pytest.raises(
+        ScenarioError, match="has no gaden_filament_simulator; it has the simulator's parameters"
+    ):
+        load(path)
+
+
+@pytest.mark.parametrize(
+    ("kind", "species"),
+    [("smoke", "smoke"), ("Methane", "methane"), (7.0, "neon"), ("air", None), (7.5, None)],
+)
+def test_a_gas_by_its_name(tmp_path, kind, species):
+    path = project(tmp_path, {"source": SIM["source"] | {"gasType": kind}})
+    if species is None:
+        with pytest.raises(ScenarioError, match="from 0 to 13 or one of ethanol, methane"):
+            load(path)
+    else:
+        found = loaded(path)[1].species
+        assert species in (found, getattr(found, "name", None))
+
+
+@pytest.mark.parametrize(
+    ("start", "is_noted"),
+    [("package://test_env/room/", False), ("package://test_env/scenarios/A/", True), ("$(find-pkg-share env)/A/", True),
+     ("/home/me/ws/room/", True), ("C:\\ws\\room\\", True), ("../elsewhere/", True)],
+)  # fmt: skip
+def test_files_of_another_computer(tmp_path, start, is_noted):
+    """Ever shorter ends of their paths are looked up around the project."""
+    config = {key: CONFIG[key] for key in ("cell_size", "empty_point")}
+    config["models"] = f"{start}cad_models/10x6_walls.stl"
+    wind = {"wind_data": f"{start}wind_simulations/1ms/wind_at_cell_centers"}
+    path = version_2(tmp_path, parameters=wind, preprocessing=config)
+    scenario, resources = load(path)
+    assert scenario.wind.files == "room/wind_simulations/1ms/wind_at_cell_centers_%d.csv"
+    assert {"10x6_walls.stl", "wind_at_cell_centers_0.csv"} <= {file.name for file in resources.files["wind"]}
+    remarks = resources.facts["wind"].remarks
+    assert any("models: " in remark and "10x6_walls.stl" in remark for remark in remarks) == is_noted
+    assert any("is not there" in note and "1ms" in note for note in resources.warnings) == is_noted
+    (tmp_path / "room/cad_models/10x6_walls.stl").rename(tmp_path / "room/10x6_door.stl")
+    with pytest.raises(ScenarioError, match=r"10x6_walls.stl: (no such file|cannot be read)"):
+        load(path)
+
+
+@pytest.mark.parametrize("name", ["/home/me/10x6_room/wind_simulations/1ms/wind_at_cell_centers"])
+def test_a_wind_of_another_computer_in_version_3(tmp_path, name):
+    path = project(tmp_path, config={"unprocessed_wind_files": name})
+    air, _, notes = loaded(path)
+    assert air.files == "10x6_room/wind_simulations/1ms/wind_at_cell_centers_%d.csv"
+    assert "is not there" in notes
 
 
 @pytest.mark.parametrize(
