@@ -15,7 +15,7 @@ import numpy as np
 from taichi_plume.files.gaden import Occupancy
 from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, is_number
 from taichi_plume.files.wind_points import FASTEST, Points, WindFileError
-from taichi_plume.guard.safe_open import content_of, open_regular
+from taichi_plume.guard.safe_open import content_of, encoding_of, open_regular
 
 LARGEST_FILE = 1 << 30  # bytes
 PARTS = (".csv_U", ".csv_V", ".csv_W")
@@ -87,9 +87,10 @@ def is_uniform(path: Path) -> bool:
     """Return whether a path names a file whose first line has three numbers and no name, as GADEN's uniform wind."""
     try:
         with open_regular(path) as file:
-            start = file.read(START).decode("utf-8-sig", "replace").splitlines()
+            content = file.read(START)
     except OSError:
         return False
+    start = content.decode(encoding_of(content), "replace").splitlines()
     line = next((line for line in start if line.strip()[:1] not in ("", "#")), "")
     cells = cells_of(line, delimiter_of(line))
     return len(cells) == 3 and all(map(is_number, cells))

@@ -4,6 +4,7 @@ Macros ($name) and #include of files in the case are resolved in dictionaries an
 (#calc, #codeStream, #if) are recognised, not executed.
 """
 
+import codecs
 import os
 import re
 import warnings
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.files.wind_points import WindFileError
-from taichi_plume.guard.safe_open import content_of, inside, open_regular
+from taichi_plume.guard.safe_open import content_of, encoding_of, inside, open_regular
 from taichi_plume.scenario.quantities import conversion
 
 LARGEST_FILE = 1 << 30  # bytes, also once unpacked
@@ -47,7 +48,6 @@ TOKEN = re.compile(r'#\w++[ \t]*+(?:"[^"\n]*+"|[^\n{};]*+)|"[^"\n]*+"|[{};]|(?:\
 INCLUDE = re.compile(r'#(?:include|includeIfPresent|sinclude)\s*+"?([^"]++)"?')
 FOLDER = re.compile(r"\$FOAM_CASE|\$\{FOAM_CASE\}|<case>|<(system|constant)>")
 NAME = re.compile(r"\$(?:\{[^{}]*+\}|[\w.:/]++)")  # a macro
-BOMS = {b"\xef\xbb\xbf": "utf-8", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 FIELD = re.compile(rb"internalField\s++(?:uniform\s++([^;]{1,300}+);|nonuniform\s++(?:List<\w++>)?)")
 
 
@@ -325,14 +325,6 @@ def open_foam(path: Path) -> FoamFile:
     return FoamFile(path, body, binary, kinds[0], kinds[1], keys.get("class", ""))
 
 
-def without_mark(content: bytes) -> bytes:
-    """Return text without a byte order mark, in UTF-8; text without a mark stays."""
-    encoding = next((name for mark, name in BOMS.items() if content.startswith(mark)), "")
-    if encoding == "utf-8":
-        return content[3:]
-    return content.decode(encoding, "replace").encode() if encoding else content
-
-
 def dictionary(path: Path) -> dict[str, Any]:
     """Return the entries of an OpenFOAM dictionary, nested: text of a value, or a dict. Raises WindFileError.
 
@@ -444,7 +436,9 @@ def _content(path: Path, most: int) -> tuple[Path, bytes]:
             raise WindFileError(f"{path}: is damaged: it cannot be unpacked") from None
         if not unpacked.eof:
             raise WindFileError(f"{path}: is cut, or has more than {most >> 20} MiB once unpacked")
-    return path, without_mark(content)
+    if encoding_of(content) == "utf-16":
+        content = content.decode("utf-16", "replace").encode()
+    return path, content.removeprefix(codecs.BOM_UTF8)
 
 
 def _after_comments(content: bytes, at: int) -> int:

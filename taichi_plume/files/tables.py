@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from taichi_plume.files import manifest
-from taichi_plume.guard.safe_open import content_of
+from taichi_plume.guard.safe_open import content_of, encoding_of
 
 NONE = ("-", "--", "None", "none", "undef", "undefined")  # in cells without a value, besides Arrow's
 FORTRAN = re.compile(r"(?<=\d)[dD](?=[-+]\d)|(?<=\d\.)[dD](?=[-+]\d)")  # 1.0D+00
 LARGEST_FILE = 1 << 29  # bytes
-UTF16 = (b"\xff\xfe", b"\xfe\xff")  # byte order marks
 CONTROL = re.compile("[\0-\x08\x0e-\x1f\x7f]")  # no text has them
 LONGEST_HEADER = 1 << 16  # characters
 LONGEST_LIST = 400  # of names that are shown
@@ -35,9 +34,8 @@ class TextFile:
         content = content_of(path, LARGEST_FILE, fault)
         manifest.require_unchanged(path, fault)
         self.remarks: tuple[str, ...] = ()
-        encoding = "utf-16" if content[:2] in UTF16 else "utf-8-sig"
         try:
-            text = content.decode(encoding)
+            text = content.decode(encoding_of(content))
         except UnicodeDecodeError:
             text = content.decode("latin-1")
             self.remarks = ("is not UTF-8; it was read as Latin-1",)

@@ -7,6 +7,7 @@ list the files for the manifest. A reader that keeps content in a cache calls `a
 `tests/test_file_opening.py` finds code that opens a file for reading in another way.
 """
 
+import codecs
 import errno
 import os
 import stat
@@ -138,6 +139,11 @@ def content_of(path: Path, most: int, fault: Callable[[str], Exception], name: s
         reason = f"{'' if error.errno == errno.EFBIG else 'cannot be read: '}{error.strerror or error}"
     start = path if name is None else name
     raise fault(f"{start}: {reason}" if start else reason)
+
+
+def encoding_of(content: bytes) -> str:
+    """Return the name of the encoding of a text by its byte order mark: UTF-8, which is also the default, or UTF-16."""
+    return "utf-16" if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8-sig"
 
 
 def unopenable(path: Path, folder: bool = False) -> str | None:
