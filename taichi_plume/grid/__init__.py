@@ -3,4 +3,5 @@
 MAY_IMPORT: tuple[str, ...] = (
     "engine",
     "guard",
+    "scenario.quantities",  # units alone
 )

@@ -9,6 +9,7 @@ reported.
 
 import codecs
 import re
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from taichi_plume.grid.polygons import DamagedError, triangulated
 from taichi_plume.grid.shapes import ShapeError
 from taichi_plume.guard.safe_open import content_of
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+from taichi_plume.scenario.quantities import conversion
 
 LARGEST_FILE = 1 << 26  # bytes: a million triangles and more
 FARTHEST = 1e9  # in the file's units: larger numbers are damage
@@ -30,14 +32,11 @@ FACET = re.compile(
 )
 IGNORED = re.compile("vt|vn|vp|g|o|s|mg|l|p|usemtl|mtllib|usemap|maplib|bevel|lod|[cd]_interp|shadow_obj")
 
-
-UNITS = {
-    "mm": 1e-3, "millimet": 1e-3, "cm": 1e-2, "centimet": 1e-2, "dm": 0.1, "decimet": 0.1, "m": 1.0, "met": 1.0,
-    "in": 0.0254, "inch": 0.0254, "inches": 0.0254, "ft": 0.3048, "feet": 0.3048, "foot": 0.3048,
-}  # fmt: skip
 UNIT = re.compile(
-    rb"\bunits?\b(?: ?(?:is|are|in|of|length)\b)*[ \t]*[:=]?[ \t]*[\"']?([a-z]{1,12})\b", re.IGNORECASE
-)
+    rb"(?:\bunits?\b(?: ?(?:is|are|in|of|length)\b)*[ \t]*[:=]?[ \t]*(?P<size>[0-9.]{1,9})?|\bin(?=[ \t])|[(\[])[ \t]*"
+    rb"[\"']?(?P<name>[a-z]{1,12})\b",
+    re.IGNORECASE,
+)  # units: mm, 1 unit = 1 mm, exported in mm, bench (mm)
 COMMENTS = re.compile(rb"^[ \t]*(?:#|comment|obj_info|solid)[^\r\n]*", re.MULTILINE)
 STL_HEADER, FACET_BYTES = 80, 50
 MOST_COMMENTED = 1 << 16  # bytes in which a unit is looked for
@@ -85,10 +84,11 @@ def _unit(content: bytes) -> tuple[float, str] | None:
     """Return the unit of length that a comment or the header names: its metres and its name; None without one."""
     start = content[:MOST_COMMENTED]
     comments = [start[:STL_HEADER], *COMMENTS.findall(start)]
-    for name in (found[1].decode().lower() for comment in comments if (found := UNIT.search(comment))):
-        plain = re.sub("(re|er)s?$", "", name)
-        if name in UNITS or plain in UNITS:
-            return UNITS.get(name, UNITS.get(plain, 1.0)), name
+    for found in (found for comment in comments for found in UNIT.finditer(comment)):
+        size, name = (found["size"] or b"").decode(), found["name"].decode()
+        with suppress(ValueError):
+            if (factor := float(size or 1.0) * conversion(name, "m")[0]) > 0.0:
+                return factor, f"{size} {name}".strip()
     return None
 
 
@@ -96,10 +96,12 @@ def _unit(content: bytes) -> tuple[float, str] | None:
 
 
 def _stl(content: bytes) -> tuple[np.ndarray, np.ndarray, int]:
+    content = content.removeprefix(codecs.BOM_UTF8)
     count = int.from_bytes(content[80:84], "little") if len(content) >= 84 else -1
     end = 84 + FACET_BYTES * count
     left = 0
-    padded = count > 0 and end < len(content) and is_padding(content[end:], FACET_BYTES)
+    rest = content[end:]
+    padded = count > 0 and bool(rest) and (is_padding(rest, FACET_BYTES) or len(rest) % FACET_BYTES != 0)
     if padded or (count >= 0 and len(content) == end):
         facets = np.frombuffer(content, [("f", "<f4", (4, 3)), ("attribute", "<u2")], count, 84)
         corners, left = facets["f"][:, 1:].reshape(-1, 3).astype(float), len(content) - end

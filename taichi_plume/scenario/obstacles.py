@@ -14,11 +14,12 @@ from taichi_plume.grid.unresolved import SAMPLES, missed
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, Domain, span
 from taichi_plume.scenario.motion import Motion
+from taichi_plume.scenario.quantities import conversion
 from taichi_plume.scenario.vocabulary import SHAPE, FileName, Model
 
 TOO_LARGE = 10  # times the domain: a larger body is probably in another unit
 MOSTLY_OUTSIDE = 0.4  # fraction of a body's base in the domain; a wall may stand on an edge
-UNITS = {0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches", 1000.0: "metres, not millimetres"}
+UNITS = ("millimetres", "centimetres", "inches")
 ROUNDED = 1e-6  # of the domain's edge: so far a mesh may reach out of the domain
 MOST_EDGES = 500  # of a polygon whose edges are tested against one another
 SLIVER = 1e-6  # of the square of a polygon's width: less area is none
@@ -257,7 +258,8 @@ class Mesh(Standing):
             return f"{turned}; otherwise "
         assert isinstance(shape, Solid)
         size, most = (shape.high - shape.low).max(), max(domain.extent)
-        units = UNITS if shape.unit is None else {shape.unit[0] / self.scale: shape.unit[1], **UNITS}
+        units = {} if shape.unit is None else {shape.unit[0] / self.scale: shape.unit[1]}
+        units |= {conversion(name, "m")[0]: name for name in UNITS} | {1000.0: "metres, not millimetres"}
         for factor, unit in units.items():
             if 0.03 * most <= factor * size <= most and factor != 1.0:
                 return f"if {self.file} is in {unit}, give scale: {factor * self.scale:.4g}; otherwise "

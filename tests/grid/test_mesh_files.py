@@ -118,6 +118,18 @@ def test_padding_at_the_end_is_skipped_with_a_remark(tmp_path, name, padding):
     assert [f"{len(padding)} bytes after" in remark for remark in found.remarks] == [True] * binary
 
 
+def test_what_follows_the_announced_triangles_is_reported(tmp_path):
+    """It is read as triangles if it may be some: then the count is damaged."""
+    for more in (51, 120, 4321):
+        found = solid(tmp_path / "a.stl", CONTENTS["binary.stl"] + b"\7" * more)
+        assert found.triangles.shape == (12, 3)
+        assert f"{more} bytes" in found.remarks[0]
+    marked = solid(tmp_path / "a.stl", b"\xef\xbb\xbf" + CONTENTS["binary.stl"])
+    assert marked.triangles.shape == (12, 3)
+    with pytest.raises(MeshError, match="damaged"):
+        solid(tmp_path / "a.stl", CONTENTS["binary.stl"] + b"\7" * 150)
+
+
 def test_a_part_of_a_row_at_the_end_is_padding_but_a_row_is_not(tmp_path):
     for name, row in (("binary.stl", 50), ("little.ply", 14)):
         assert solid(tmp_path / name, CONTENTS[name] + b"\1" * (row - 1)).remarks
@@ -137,6 +149,13 @@ def test_a_part_of_a_row_at_the_end_is_padding_but_a_row_is_not(tmp_path):
         ("a.stl", b"UNITS=mm".ljust(80, b"\0") + stl_bytes(BOX)[80:], 0.001),
         ("a.obj", b"# a unit cube of ten units by hand\n# units: parsec\n" + obj(), None),
         ("a.obj", b"# unit: m\n" + obj(), 1.0),
+        ("a.obj", b"# exported in MM by hand\n" + obj(), 0.001),
+        ("a.obj", b"# drawn in Spain, in inches\n" + obj(), 0.0254),
+        ("a.obj", b"# 1 unit = 1 cm\n" + obj(), 0.01),
+        ("a.obj", b"# 1 unit = 2.5 mm\n" + obj(), 0.0025),
+        ("a.stl", stl_text().replace(b"box of mine", b"bench (mm)", 1), 0.001),
+        ("a.stl", stl_text().replace(b"box of mine", b"bench (copy)", 1), None),
+        ("a.obj", b"# made in 2 days, in counts (px)\n" + obj(), None),
         ("a.obj", obj(), None),
     ],
 )
