@@ -45,7 +45,7 @@ class FloorPlan(Upright):
         solid = plan.walls(model.unknown)
         low, high = _reach(plan)
         self.text = _described(plan, solid, low, high)
-        self.remarks = (*plan.remarks, *plan.doubts(model.unknown))
+        self.remarks = (*plan.remarks, *plan.remarks_on(model.unknown))
         self.reach = low, high
         self.origin = shift = low if model.origin is None else np.array(model.origin)
         try:

@@ -17,6 +17,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO
+from math import pi, radians
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -60,8 +61,8 @@ class RosMap:
     """Occupancy map. pixels: FREE, OCCUPIED or UNKNOWN, axes (x, y); resolution: edge of a pixel [m]; origin: lower
     left corner of the picture [m]; yaw: angle by which the picture is turned left about the origin [rad].
 
-    marked: mask of pixels in map_saver's grey for unknown that the thresholds, free_thresh and occupied_thresh, make
-    free or occupied. text: file, mode and thresholds in words; remarks: assumptions.
+    marked: mask of pixels in map_saver's grey for unknown, `mark`, that the thresholds, free_thresh and
+    occupied_thresh, make free or occupied. text: file, mode and thresholds in words; remarks: assumptions.
     """
 
     pixels: np.ndarray
@@ -72,19 +73,23 @@ class RosMap:
     thresholds: tuple[float, float]
     text: str
     remarks: tuple[str, ...]
+    mark: int = MARK
 
     def walls(self, unknown: str | None) -> np.ndarray:
         """Return the mask of wall pixels; unknown: "wall", "free", or None if the user has not decided."""
         solid = self.pixels == OCCUPIED if unknown == "free" else self.pixels != FREE
         return solid if unknown is None else np.where(self.marked, unknown == "wall", solid)
 
-    def doubts(self, unknown: str | None) -> tuple[str, ...]:
+    def remarks_on(self, unknown: str | None) -> tuple[str, ...]:
         """Return a remark if the thresholds contradict map_saver's grey for unknown, or the user's `unknown`."""
         if not self.marked.any():
-            return ()
+            has_effect = unknown is None or (self.pixels == UNKNOWN).any()
+            low, high = self.thresholds
+            rule = f"no pixel is unknown by the mode and the thresholds, {low:g} and {high:g}"
+            return () if has_effect else (f"unknown: {unknown} has no effect: {rule}",)
         is_free = (self.pixels[self.marked] == FREE).all()
         meant, other, by = ("free", "wall", "free_thresh") if is_free else ("wall", "free", "occupied_thresh")
-        start = f"{self.marked.sum():,} pixels of grey {MARK}, map_saver's mark for unknown, "
+        start = f"{self.marked.sum():,} pixels of grey {self.mark}, map_saver's mark for unknown, "
         rule = f"{by} {self.thresholds[not is_free]:g}"
         if unknown is None:
             cure = (
@@ -114,8 +119,9 @@ def read_map(path: Path, resolution: float | None = None) -> RosMap:
     of_level = _meanings(np.arange(most + 1) / most, known, mode)
     pixels = of_level[levels]
     grey = np.zeros(most + 1, bool)
-    if mode == MODES[0] and not known["negate"] and of_level[mark := MARK * most // 255] != UNKNOWN:
-        grey[mark] = True
+    mark = 255 - MARK if known["negate"] else MARK
+    if mode == MODES[0] and of_level[level := mark * most // 255] != UNKNOWN:
+        grey[level] = True
     if mode == "scale" and opaque is not None:
         pixels[~opaque] = UNKNOWN
     origin = data.get("origin")
@@ -123,6 +129,10 @@ def read_map(path: Path, resolution: float | None = None) -> RosMap:
         raise _wrong(path, f"origin: must be [x, y, yaw], got {_shown(origin)}")
     place = {f"origin[{n}]": value for n, value in enumerate([*origin, 0.0][:3])}
     x, y, yaw = (_number(path, place, key, -FARTHEST, FARTHEST) for key in place)
+    if abs(yaw) > 2.0 * pi:
+        raise _wrong(
+            path, f"origin[2]: is the yaw in radians, got {yaw:g}; {yaw:g} degrees are {radians(yaw):.6g}"
+        )
     size = _number(path, data, "resolution", *RESOLUTIONS)
     rows, columns = pixels.shape
     rule = "mode raw" if mode == "raw" else f"mode {mode}, thresholds {known['free_thresh']:g} and "
@@ -131,7 +141,7 @@ def read_map(path: Path, resolution: float | None = None) -> RosMap:
     text += ", negated" if known["negate"] else ""
     marked, thresholds = grey[levels][::-1].T, (known["free_thresh"], known["occupied_thresh"])
     text = visible(text, LONGEST_TEXT)
-    return RosMap(pixels[::-1].T, size, (x, y), yaw, marked, thresholds, text, tuple(remarks))
+    return RosMap(pixels[::-1].T, size, (x, y), yaw, marked, thresholds, text, tuple(remarks), mark)
 
 
 def _described(path: Path, resolution: float | None) -> tuple[dict[str, object], Path, list[str]]:
@@ -179,7 +189,8 @@ def _yaml(path: Path) -> dict[str, object]:
     try:
         data = parse(decode(content), "a map of ROS's map_server", dates=True)
     except LineError as fault:
-        raise _wrong(path, str(fault)) from None
+        hint = "" if path.suffix.lower() in SUFFIXES else "; of pictures, PGM, PPM, PNG and BMP are read"
+        raise _wrong(path, f"{fault}{hint}") from None
     if not isinstance(data, dict) or "image" not in data:
         raise _wrong(path, "is no map of ROS's map_server: it has no key image")
     return data
@@ -238,7 +249,7 @@ def _picture(path: Path, image: Path) -> tuple[np.ndarray, int, np.ndarray | Non
         raise _wrong(path, f"{image.name}: {error}; the limit is {MOST_PIXELS:,}") from None
     except Exception as error:  # Pillow raises almost anything for a damaged file
         is_known = isinstance(error, OSError) and not isinstance(error, UnidentifiedImageError)
-        reason = " ".join(str(error).split())[:LONGEST_VALUE] if is_known else "damaged"
+        reason = " ".join(str(error).split())[:LONGEST_VALUE] if is_known else "another format, or damaged"
         raise _wrong(path, f"{image.name}: is no readable PGM, PNG or BMP picture ({reason})") from None
 
 

@@ -107,6 +107,8 @@ def test_the_first_row_is_the_upper_edge_and_what_is_transparent_is_unknown(tmp_
         ("origin: [0.0, 0.0, 0.0]", "origin: 3", r"origin: must be \[x, y, yaw\], got 3"),
         ("origin: [0.0, 0.0, 0.0]", "origin: [a, 0]", r"origin\[0\]: got 'a'"),
         ("occupied_thresh: 0.65", "occupied_thresh: 0.1", "free_thresh: must be less than occupied_thresh"),
+        ("origin: [0.0, 0.0, 0.0]", "origin: [0, 0, 90]", r"origin\[2\]: .*radians, got 90; .* 1\.5708"),
+        ("origin: [0.0, 0.0, 0.0]", "origin: [0, 0, -45.0]", r"radians, got -45; .* -0\.785"),
         ("negate: 0", "negate: 0\nmode: best", "mode: got 'best'; allowed: trinary, scale, raw"),
         ("image: plan.pgm", "image: ../other.pgm", r"image: '\.\./other\.pgm' lies outside its folder"),
         ("image: plan.pgm", "image: /etc/passwd", "lies outside its folder"),
@@ -174,6 +176,50 @@ def saved_by_map_saver(folder: Path, thresholds: str, kind: str = "pgm") -> Path
         f"image: {name}\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n{thresholds}"
     )
     return folder / "m.yaml"
+
+
+@pytest.mark.parametrize("kind", ["L", "RGB"])
+def test_the_grey_for_unknown_is_negated_with_the_map(tmp_path, kind):
+    path = saved_by_map_saver(tmp_path, "occupied_thresh: 0.65\nfree_thresh: 0.25\n", "png")
+    shades = 255 - np.asarray(Image.open(tmp_path / "plan.png"))
+    Image.fromarray(shades).convert(kind).save(tmp_path / "plan.png")
+    path.write_text(path.read_text().replace("negate: 0", "negate: 1"))
+    plan = read_map(path)
+    assert [plan.walls(unknown).sum() for unknown in (None, "free", "wall")] == [3, 3, 10]
+    (remark,) = plan.remarks_on(None)
+    assert "7 pixels of grey 50" in remark
+
+
+@pytest.mark.parametrize("unknown", ["wall", "free"])
+@pytest.mark.parametrize(
+    ("shade", "thresholds"),
+    [
+        (127, "occupied_thresh: 0.65\nfree_thresh: 0.55\n"),
+        (204, "occupied_thresh: 0.65\nfree_thresh: 0.25\n"),
+        (205, "occupied_thresh: 0.65\nfree_thresh: 0.25\nmode: scale\n"),
+        (90, "occupied_thresh: 0.65\nfree_thresh: 0.25\nmode: raw\n"),
+    ],
+)
+def test_unknown_without_an_unknown_pixel_is_reported(tmp_path, shade, thresholds, unknown):
+    path = saved_by_map_saver(tmp_path, thresholds)
+    shades = np.array([shade] * 7 + [0] * 13, np.uint8).reshape(4, 5)
+    Image.fromarray(shades).save(tmp_path / "plan.pgm")
+    plan = read_map(path)
+    (remark,) = plan.remarks_on(unknown)
+    assert f"unknown: {unknown} has no effect" in remark
+    assert plan.remarks_on(None) == ()
+    saved_by_map_saver(tmp_path, "occupied_thresh: 0.65\nfree_thresh: 0.196\n")
+    assert read_map(path).remarks_on(unknown) == ()
+
+
+def test_pictures_in_other_formats_are_no_damaged_ones(tmp_path):
+    path = saved_by_map_saver(tmp_path, "")
+    Image.open(tmp_path / "plan.pgm").save(tmp_path / "plan.jpg")
+    with pytest.raises(MapError, match="PGM, PPM, PNG and BMP"):
+        read_map(tmp_path / "plan.jpg", 0.1)
+    path.write_text(path.read_text().replace("plan.pgm", "plan.jpg"))
+    with pytest.raises(MapError, match=r"PGM, PNG or BMP picture .*another format"):
+        read_map(path)
 
 
 @pytest.mark.parametrize("kind", ["pgm", "png", "RGB", "16 bit"])
