@@ -414,11 +414,13 @@ class _Parser:
     def _value(self, macro: str) -> str | dict[str, Any] | None:
         """Return the value of a macro such as $a, ${a} or $:a.b in the innermost scope that has it; None without."""
         name = macro.strip("${}").lstrip(":./")
+        parts = re.split("[.:/]", name)
+        self._use(len(self.scopes))
         for scope in self.scopes[::-1]:
             value: Any = scope
-            for part in [name] if name in scope else re.split("[.:/]", name):
+            for part in [name] if name in scope else parts if parts[0] in scope else ():
                 value = value.get(part) if isinstance(value, dict) else None
-            if value is not None:
+            if value is not None and value is not scope:
                 return value
         return None
 
