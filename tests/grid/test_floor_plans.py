@@ -37,6 +37,8 @@ def plan(folder: Path, walls: np.ndarray, extent, size=0.05, at=(0.0, 0.0, 0.0),
     given = {
         "file": "plan.yaml",
         "resolution": None,
+        "layers": (),
+        "scale": None,
         "unknown": "wall",
         "origin": (0.0, 0.0),
         "base": 0.0,

@@ -410,7 +410,7 @@ def test_in_2d_walls_need_to_be_closed_only_at_the_section(tmp_path):
         ((0.2, 0.5, 0.0), (0.6, 2.8, 1.0)),
         ((0.4, 2.0, 0), (3, 2.4, 1)),
     ]
-    hollow = np.concatenate([fine(*wall, 4) for wall in walls])
+    hollow = np.concatenate([fine(low, high, 4) for low, high in walls])
     sides = hollow[np.abs(hollow.mean(axis=1)[:, 2] - 0.5) < 0.49]
     file = write_stl(tmp_path / "sides.stl", sides)
     one = shape(Mesh(kind="mesh", file=file, section=0.6), FLOOR, tmp_path)

@@ -58,11 +58,11 @@ def test_scattered_nodes_have_a_boundary_and_scattered_centres_have_none(dim):
     nodes = cells(low, edges, 0.2, "nodes")
     inner = ((nodes > low + 1e-6) & (nodes < low + edges - 1e-6)).all(axis=1)
     nodes[inner] += rng.uniform(-0.06, 0.06, (inner.sum(), dim))
-    box = box_of(Interpolation(nodes), edges / 2)
+    box = box_of(Interpolation(nodes), (edges / 2).tolist())
     assert box.stand == "nodes"
     np.testing.assert_allclose(box.low, low, atol=1e-9)
     centres = cells(low, edges, 0.2, "centres") + rng.uniform(-0.02, 0.02, (10**dim, dim))
-    box = box_of(Interpolation(centres), edges)
+    box = box_of(Interpolation(centres), edges.tolist())
     assert box.stand == "centres"
     np.testing.assert_allclose(box.low, low, atol=0.05)
 
