@@ -196,7 +196,9 @@ def command(tmp_path, capsys, *options):
     (tmp_path / "log.csv").open("a").write("600,9,9,1\n")
     out = tmp_path / "out"
     assert maps.main([str(tmp_path / "log.csv"), "--size", "2", "1.5", "--out", str(out), *options]) == 0
-    return capsys.readouterr().out.splitlines(), json.loads((out / "scores.json").read_text())
+    read_in, *lines = capsys.readouterr().out.splitlines()
+    assert read_in.startswith(f"{tmp_path / 'log.csv'}: ")
+    return lines, json.loads((out / "scores.json").read_text())
 
 
 def test_the_command_maps_the_whole_log_by_default(tmp_path, capsys):

@@ -116,7 +116,7 @@ def test_the_command_writes_map_picture_and_scores(recorded, number, tmp_path, c
     away = np.hypot(rows["x"][best] - 0.3, rows["y"][best] - 0.7)
     assert scores["peak"]["to_source_m"] == pytest.approx(away, rel=1e-5)
     assert (out / "map.png").read_bytes()[:4] == b"\x89PNG"
-    assert capsys.readouterr().out.startswith(f"peak {scores['peak']['ppm']:.3g} ppm at (")
+    assert f"\npeak {scores['peak']['ppm']:.3g} ppm at (" in capsys.readouterr().out
 
 
 def test_even_readings_make_an_even_map_whatever_the_clock_says(mapped):

@@ -34,10 +34,8 @@ def _make(args: argparse.Namespace, model: Map) -> int:
         sources=args.source, bag=bag_options(args), columns=named_columns(args.columns), missing=args.missing,
         background=args.background, out=args.out, force=args.force,
     )  # fmt: skip
-    facts = gas_map.readings.facts
-    say(*(f"note: {args.readings}: {remark}" for remark in facts.remarks), error=True)
     say(
-        f"{args.readings}: {facts.text}",
+        f"{args.readings}: {gas_map.readings.facts.text}",
         *gas_map.readings.topics,
         *gas_map.lines,
         f"{args.out}: {', '.join(FILES)}",

@@ -100,7 +100,7 @@ class GasMap:
 
     @property
     def lines(self) -> list[str]:
-        """Two lines on the map, as the command prints: its peak, and how many readings count."""
+        """Lines on the map, as the command prints: its peak, how many readings count, and what was assumed of them."""
         peak = self.scores["peak"]
         if peak["ppm"] is None:
             line = "the map is empty: its last readings are too old"
@@ -109,7 +109,8 @@ class GasMap:
         else:
             above = f" above {self.background:g} ppm" if self.background else ""
             line = f"peak {peak['ppm']:.3g} ppm{above} at ({peak['x_m']:.2f}, {peak['y_m']:.2f}) m"
-        return [line, _used(self.scores, self.model.times)]
+        notes = [f"note: {remark}" for remark in self.readings.facts.remarks]
+        return [line, _used(self.scores, self.model.times), *notes]
 
     def plot(self, *, ax: "Axes | None" = None, figsize: tuple[float, float] | None = None) -> "Figure":
         """Return the figure of map.png: estimate, weight and, if there is one, standard deviation, seen from above.
@@ -166,7 +167,16 @@ class GasMap:
         from taichi_plume.report.theme import png
 
         picture = png(self.plot())
-        return page(list(zip((f"{self.model.kind} map", "readings"), self.lines, strict=True)), picture)
+        return page(
+            list(
+                zip(
+                    (f"{self.model.kind} map", "readings", *["note"] * len(self.lines)),
+                    self.lines,
+                    strict=False,
+                )
+            ),
+            picture,
+        )
 
     def __repr__(self) -> str:
         return "\n".join(self.lines)

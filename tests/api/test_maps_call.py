@@ -64,7 +64,8 @@ def test_the_files_are_those_of_the_command(log, tmp_path, capsys):
     ]
     line = [str(log), *options, "--source", "2", "150 cm", "--out", str(tmp_path / "command")]
     assert command.main(line) == 0
-    printed = capsys.readouterr().out.splitlines()
+    facts, *printed = capsys.readouterr().out.splitlines()
+    assert facts.startswith(f"{log}: ")
     gas_map = tp.maps(
         log, KERNEL, size=(2, "100 cm"), origin=(1, 1), sources=[(2, "1.5 m")], out=tmp_path / "call"
     )
