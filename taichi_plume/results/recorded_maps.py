@@ -166,17 +166,8 @@ class GasMap:
         from taichi_plume.report.notebook import page
         from taichi_plume.report.theme import png
 
-        picture = png(self.plot())
-        return page(
-            list(
-                zip(
-                    (f"{self.model.kind} map", "readings", *["note"] * len(self.lines)),
-                    self.lines,
-                    strict=False,
-                )
-            ),
-            picture,
-        )
+        labels = (f"{self.model.kind} map", "readings", *["note"] * len(self.lines))
+        return page(list(zip(labels, self.lines, strict=False)), png(self.plot()))
 
     def __repr__(self) -> str:
         return "\n".join(self.lines)
