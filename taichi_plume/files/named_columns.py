@@ -203,9 +203,16 @@ def read_columns(
         width = cells if mark is None or not any(names[cells:]) else max(width, cells)
     table = Table(file, rows, width, mark, gaps=gaps, decimal=_decimal(file.lines, rows, mark))
     length = LENGTH_UNIT.search("\n".join(file.lines[:first]))
-    if length:
-        lengths = [key for key, column in picked.items() if accepted[key].unit == "m" and not column.unit]
-        picked |= {key: picked[key]._replace(unit=length[1]) for key in lengths}
+    lengths = [key for key in picked if accepted[key].unit == "m"]
+    stated = {length[1]} if length else {picked[key].unit for key in lengths} - {""}
+    bare = [key for key in lengths if not picked[key].unit]
+    if len(stated) == 1 and bare:
+        unit = stated.pop()
+        picked |= {key: picked[key]._replace(unit=unit) for key in bare}
+        if not length:
+            end.append(
+                f"{', '.join(picked[key].name for key in bare)} without a unit are taken in {unit}, as the others"
+            )
     try:
         values, remarks = _values(table, accepted, picked, missing)
     except ConventionError as error:
@@ -290,7 +297,7 @@ def _header(
         and all(split_unit(text)[0].isdigit() for text in given.values())
     ):
         return pick(numbers, {key: accepted[key] for key in given}, given), numbers
-    if without and len(without) == len(row) and best is None:
+    if without and len(without) == len(row) and best is None and error is None:
         return {key: Picked(n, key, "") for n, key in enumerate(without)}, list(without)
     if error is not None:
         raise error

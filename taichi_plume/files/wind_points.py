@@ -192,7 +192,7 @@ def _require_one_time(path: Path, values: Mapping[str, np.ndarray]) -> None:
 def _stand(path: Path, names: Sequence[str]) -> "Stand | None":
     """Return whether points are nodes or centres of cells by the header, or by GADEN's name; None if unknown."""
     plain = {re.sub(r"[ _]", "", name.lower()) for name in names}
-    if plain & {"nodenumber", "nodeid", "pointid", "vertexid"}:
+    if plain & {"nodenumber", "nodeid", "vertexid"}:
         return "nodes"
     is_cell = plain & {"cellnumber", "cellid", "elementnumber", "elementid"} or path.name.startswith(GADEN)
     return "centres" if is_cell else None

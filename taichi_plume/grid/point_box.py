@@ -53,7 +53,10 @@ def box_of(points: Interpolation, extent: Sequence[float], stated: Stand | None 
     evidence.extend(kind for kind in strong if kind)
     weak = _multiples(low[used], ends)
     stand: Stand = stated or (evidence[0] if evidence else weak or "centres")
-    is_known = stated is not None or (bool(evidence) and set(evidence) == {stand})
+    contrary = (
+        stand == "centres" and _looks(low[used], ends)[0].any()
+    )  # such as a slice that starts at half a spacing
+    is_known = stated is not None or (set(evidence) == {stand} and not contrary)
     slack = 0.0 if points.lattice is not None else float(points.apart.max()) / 2
     if stand == "centres":
         low[used] -= ends[:, 0] / 2
@@ -103,8 +106,13 @@ def _of_domain(
 
 def _multiples(low: np.ndarray, ends: np.ndarray) -> Stand | None:
     """Return the likely meaning of points that start at whole multiples of their spacing, or half a spacing beside."""
+    return _agreed(*_looks(low, ends), of_all=True)
+
+
+def _looks(low: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return masks of the axes that start at whole multiples of their spacing, and at half a spacing beside."""
     rest = np.mod(low / ends[:, 0], 1.0)
-    return _agreed(np.minimum(rest, 1.0 - rest) < NEAR, np.abs(rest - 0.5) < NEAR, of_all=True)
+    return np.minimum(rest, 1.0 - rest) < NEAR, np.abs(rest - 0.5) < NEAR
 
 
 def _has_boundary(place: np.ndarray) -> bool:

@@ -24,8 +24,8 @@ FILE_UNITS = {  # pint's names of units that files write otherwise
     "ppmv": "ppm", "ppm_v": "ppm", "1e-6": "ppm", "ppbv": "ppb", "1e-9": "ppb", "pptv": "ppt", "vol%": "percent",
     "vol %": "percent", "vol.%": "percent", "% vol": "percent", "%vol": "percent", "v/v": "mol/mol", "sec": "s",
     "secs": "s", "mps": "m/s", "kmph": "km/h", "kph": "km/h", "mph": "mi/h", "fpm": "ft/min", "hrs": "h", "msec": "ms",
-    "usec": "us", "unix": "s", "epoch": "s", "epoch s": "s", "unix s": "s", "posix": "s",
-    "litre": "L", "liter": "L", "l": "L", "ml": "mL",
+    "usec": "us", "unix": "s", "epoch": "s", "epoch s": "s", "unix s": "s", "posix": "s", "kn": "knot",
+    "kt": "knot", "kts": "knot",     "litre": "L", "liter": "L", "l": "L", "ml": "mL",
 }  # fmt: skip
 _UNIT_WORD = re.compile(
     "[nuµμmcdk]?m|in|inch(es)?|ft|foot|feet|yd|mi|miles?|(milli|centi|kilo)?met(er|re)s?|[nuµμm]?s|(milli|micro)?seconds?|"
@@ -143,7 +143,7 @@ def conversion(written: str, unit: str) -> tuple[float, float]:
 
 def _file_unit(written: str) -> str:
     """Return a unit of a file in pint's words: known spellings, capitals ("MM", "PPM") and exponents of UDUNITS."""
-    plain = " ".join(written.replace("·", " ").replace("⋅", " ").split())
+    plain = " ".join(written.replace("·", " ").replace("⋅", " ").replace(" per ", "/").split())
     text = FILE_UNITS.get(plain.lower(), plain)
     if not all(map(_UNIT_WORD.fullmatch, _WORD.findall(text))):
         text = FILE_UNITS.get(plain.lower(), plain.lower().replace("ppmv", "ppm"))

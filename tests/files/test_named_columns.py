@@ -71,7 +71,11 @@ UNITS = {
 def test_logs_with_units_in_any_order(tmp_path_factory, units, order, bracket, style, named, missing):
     truth = {key: np.random.default_rng(2).uniform(1, 9, 6).round(3) for key in UNITS}
     truth["t"] = np.sort(truth["t"])
-    stored = {key: truth[key] / UNITS[key][units[key]] for key in UNITS}
+    factors = {key: UNITS[key][unit] for key, unit in units.items()}
+    for silent, other in ("xy", "yx"):  # lengths without a unit are in that of the others
+        if not units[silent]:
+            factors[silent] = factors[other]
+    stored = {key: truth[key] / factors[key] for key in UNITS}
     stored["reading"] = np.where(np.arange(6) == 2, missing, stored["reading"])
     names = {key: f"sensor {n}" if named else key for n, key in enumerate(UNITS)}
     header = [bracket.format(names[key], units[key]) if units[key] else names[key] for key in order]
@@ -89,7 +93,8 @@ def test_logs_with_units_in_any_order(tmp_path_factory, units, order, bracket, s
     np.testing.assert_allclose(log.wind[:, 0], truth["wind_x"], rtol=1e-7)
     assert any(f"are {missing:g}" in remark for remark in log.facts.remarks)
     for key, unit in units.items():
-        assert (f" {names[key]} in " in log.facts.text) == (unit == "")
+        is_assumed = not unit and not (key in "xy" and (units["x"] or units["y"]))
+        assert (f" {names[key]} in " in log.facts.text) == is_assumed
 
 
 @pytest.mark.parametrize(

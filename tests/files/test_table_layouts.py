@@ -30,6 +30,7 @@ BLANK = rows(PLACE, SPEED, mark="  ")
         "% x                y               u (m/s) @ t=0.5    v (m/s) @ t=0.5\n" + BLANK,
         "% Model,room.mph\n% x,y,comp1.u (m/s),comp1.v (m/s)\n" + FLAT,
         "x y Static Pressure u v\n" + rows(PLACE, 1e5 + SPEED[:, 0], SPEED, mark=" ").replace(" ", "  "),
+        "x (mm),y,u (meters per second),v (kn)\n" + rows(1e3 * PLACE, SPEED / [1.0, 1852 / 3600]),
         "X (MM),Y (MM),U (M/S),V (M/S)\n" + rows(1e3 * PLACE, SPEED),
         "x in mm,y in mm,u_cm_s,v_cm_s\n" + rows(1e3 * PLACE, 1e2 * SPEED),
         '"Mean of Velocity[i] (m/s)","Mean of Velocity[j] (m/s)","X (m)","Y (m)"\n' + rows(SPEED, PLACE),
@@ -75,6 +76,10 @@ def test_layouts_of_winds(tmp_path, text):
         ("x,y,u,v\n" + FLAT + rows(PLACE, 2 * SPEED), "its positions repeat"),
         ("x,y,u_rms_x,v,u\n" + rows(PLACE, SPEED[:, 0], SPEED[:, 1]), "names 5 columns|no column u|has 4"),
         ("x [counts],y,u,v\n" + FLAT, "'counts' is no unit that converts to m"),
+        (
+            "x (m),y (m),z (m),u (furlongs),v (m/s),w (m/s)\n" + rows(PLACE, SPEED, PLACE),
+            "'furlongs' is no unit",
+        ),
         (
             "[Data]\nx,y,u,v\n" + FLAT + "\n[Data]\nx,y,v,u\n" + FLAT,
             r"second section \[Data\] has other columns",

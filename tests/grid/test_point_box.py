@@ -40,6 +40,10 @@ def test_contradictions_and_bare_multiples_are_assumed():
     assert (box.stand, box.is_known) == ("nodes", False)
     around = np.stack(np.meshgrid(*[np.linspace(-1, 1, 21)] * 2), axis=-1).reshape(-1, 2)
     assert not box_of(Interpolation(around), (1.5, 1.5)).is_known
+    slices = np.stack(np.meshgrid(*[np.arange(-2, 2.1, 0.5)] * 2, [0.25, 0.75], indexing="ij"), -1).reshape(
+        -1, 3
+    )
+    assert not box_of(Interpolation(slices), (3, 3)).is_known
 
 
 def test_what_nothing_says_is_assumed_unless_stated():
