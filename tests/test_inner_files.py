@@ -34,9 +34,9 @@ def room(tmp_path) -> Iterator[Path]:
         writer.field(time, "nut", np.full(len(cells), 1e-3))
     path = tmp_path / "home/room.yaml"
     path.write_text(ROOM)
-    openfoam._centres_of.cache_clear()
+    openfoam._mesh_of.cache_clear()
     yield path
-    openfoam._centres_of.cache_clear()
+    openfoam._mesh_of.cache_clear()
 
 
 def moved_away(path: Path, away: Path) -> None:

@@ -22,6 +22,9 @@ VOLUME = re.compile(
 LETTERS = {"cc": "cm^3", "cf": "ft^3", "cm": "m^3", "l": "L", "ml": "mL"}
 TIMES = {"s": "s", "m": "min", "h": "h"}
 
+MASS = re.compile(r"[nuµμmk]?g([/*^ .].*)?$")
+"""Units of a mass, or a mass per time."""
+
 
 def moles(value: object, per: str) -> float | None:
     """Return a text such as "500 sccm" or "3 mmol/h" in mol, or mol per time if `per` is "/s"; None for others."""
@@ -29,6 +32,8 @@ def moles(value: object, per: str) -> float | None:
     if parts is None:
         return None
     number, unit = parts
+    if MASS.match(unit):  # pint is not needed
+        return None
     temperature = TEMPERATURE
     if found := VOLUME.fullmatch(unit.lower()):
         mark, volume = found["mark"] or found["suffix"], found["volume"]
