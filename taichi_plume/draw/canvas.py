@@ -14,7 +14,7 @@ from taichi_plume.draw.bodies import Body
 from taichi_plume.draw.objects import Scene, Thing, read
 from taichi_plume.draw.parts import Plane, Point, Rectangle
 from taichi_plume.execution.watch_file import Sight
-from taichi_plume.record.drawing import Scale
+from taichi_plume.observed.scales import Scale
 from taichi_plume.report import theme
 from taichi_plume.report.theme import ABOVE
 from taichi_plume.scenario.outputs import Recording

@@ -12,12 +12,15 @@ from taichi_plume.agents.own_algorithm import OwnAlgorithm
 from taichi_plume.engine.choice import chosen
 from taichi_plume.execution import forces_table, maps_output, result, robots_table
 from taichi_plume.execution.signals import SignalRequests
-from taichi_plume.files import checkpoint, disk, manifest
+from taichi_plume.files import checkpoint, disk, manifest, pictures_file
 from taichi_plume.files.own_class import OwnAlgorithmError
 from taichi_plume.files.run_folder import LARGEST_JSON, LISTED, RunFolderError
 from taichi_plume.grid.state import State
 from taichi_plume.guard.safe_open import read_regular
 from taichi_plume.guard.terminal import say
+from taichi_plume.observed.observer import Observer
+from taichi_plume.observed.store import PictureStore
+from taichi_plume.observed.views import views
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.outputs import Checkpoint
 from taichi_plume.scoring.beliefs import BeliefScores
@@ -92,7 +95,11 @@ class Outputs:
         self.belief_scores = BeliefScores(sim)
         sim.observers += [self.map_scores.observer(), self.belief_scores.observer()]
         self.tables = self._tables()
-        self.recorder = self._recorder() if about.recording else None
+        self.recorder = None
+        if about.recording:
+            observer = Observer(sim, views(sim))
+            self.tables.append(PictureStore(observer, about.folder / pictures_file.NAME, self._origin()))
+            self.recorder = self._recorder(observer)
         sim.observers.append(Every(sim.dt, self.keep, warm_up=True))
         self.observers, self.step_observers = list(sim.observers), list(sim.step_observers)
         self._state: State | None = None
@@ -132,12 +139,21 @@ class Outputs:
             return [*tables, maps_output.MapsFile(sim, folder / "maps.zarr", self.map_scores)]
         return [*tables]
 
-    def _recorder(self) -> Writer:
+    def _origin(self) -> Json:
+        """Return attributes that tell from which run a file is."""
+        scenario = self.sim.scenario
+        return {
+            "title": f"Pictures of {scenario.name}",
+            "source": f"taichi_plume {__version__}",
+            **scenario.seeds,
+        }
+
+    def _recorder(self, observer: Observer) -> Writer:
         from taichi_plume.record.recorder import Recorder
 
         path = self.about.folder / "recording.rrd"
-        recorder = Recorder(self.sim, path, self.about.backend, self.map_scores, self.about.live)
-        self.sim.observers += recorder.observers()
+        recorder = Recorder(self.sim, path, self.about.backend, self.map_scores, self.about.live, observer)
+        self.sim.observers += [*observer.observers(), *recorder.observers()]
         return recorder
 
     def _periods(self) -> tuple[int | None, float | None]:

@@ -16,7 +16,7 @@ from taichi_plume.execution.progress import phase
 from taichi_plume.files.disk import written_whole
 from taichi_plume.grid.sampler import Sampler
 from taichi_plume.guard.safe_open import open_regular
-from taichi_plume.record.planes import planes
+from taichi_plume.observed.planes import planes
 from taichi_plume.time_loop import TimeLoop
 
 PERIOD = 0.5  # s of wall-clock time between updates

@@ -30,6 +30,7 @@ from taichi_plume.scenario.vocabulary import Model
 FILES = (
     "scenario.yaml",
     "recording.rrd",
+    "pictures.zarr",
     "robots.parquet",
     "forces.csv",
     "probes.parquet",

@@ -167,6 +167,11 @@ def create(path: Path, attributes: Mapping[str, object]) -> zarr.Group:
     return zarr.create_group(path, zarr_format=3, attributes={"Conventions": CONVENTIONS, **attributes})
 
 
+def opened(path: Path) -> zarr.Group:
+    """Open a Zarr group that this process has created, to add arrays."""
+    return zarr.open_group(path, mode="r+", zarr_format=3)
+
+
 def add(
     group: zarr.Group,
     name: str,

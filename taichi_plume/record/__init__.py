@@ -1,3 +1,3 @@
 """Recording of a run for the viewer rerun; no other package imports rerun."""
 
-MAY_IMPORT: tuple[str, ...] = ("files", "grid", "guard", "scenario", "scoring", "time_loop")
+MAY_IMPORT: tuple[str, ...] = ("files", "grid", "guard", "observed", "scenario", "scoring", "time_loop")

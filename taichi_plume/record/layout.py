@@ -8,12 +8,12 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from taichi_plume.files.run_tables import title_of
+from taichi_plume.observed.planes import Plane
+from taichi_plume.observed.quantities import ABOVE, Quantity
 from taichi_plume.record import drawing
 from taichi_plume.record.drawing import TIME
 from taichi_plume.record.legends import TICKS, TITLE
 from taichi_plume.record.placement import Stage, placed
-from taichi_plume.record.planes import Plane
-from taichi_plume.record.scales import ABOVE, Quantity
 from taichi_plume.record.scene import beside
 from taichi_plume.scoring.beliefs import believers
 from taichi_plume.scoring.declarations import may_declare
@@ -95,7 +95,7 @@ class Layout:
         self.sides = [plane for plane in shown.seen if plane.letters != "xy"]
         self.believers = [group for algorithm in believers(sim) for group in algorithm.members.groups]
         self.mapped = bool(sim.maps or self.believers)
-        self.main = [quantity for quantity in shown.quantities if quantity.entity in ("gas", "temperature")]
+        self.main = [quantity for quantity in shown.quantities if "/" not in quantity.entity]
         self.unnamed = [f"- /world/openings/{n}/name" for n in range(len(sim.scenario.openings))]
 
     def blueprint(self) -> rrb.Blueprint:

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
+from taichi_plume.observed.planes import Plane
+from taichi_plume.observed.quantities import Quantity
+from taichi_plume.observed.scales import Scale
 from taichi_plume.record import drawing
-from taichi_plume.record.drawing import Scale
 from taichi_plume.record.placement import Stage, label, picture, placed
-from taichi_plume.record.planes import Plane
-from taichi_plume.record.scales import Quantity
 from taichi_plume.record.scene import TEXT, Entities
 from taichi_plume.scoring.beliefs import believers
 from taichi_plume.time_loop import TimeLoop

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
+from taichi_plume.observed.scales import Scale
 from taichi_plume.record import drawing, layout, legends, scene
-from taichi_plume.record.drawing import Scale
 from taichi_plume.record.placement import Stage, picture_format
 from taichi_plume.record.stream import Stream
 from taichi_plume.scenario.palette import rgb, robot_color

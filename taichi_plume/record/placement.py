@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import ArrayLike
 
-from taichi_plume.record.planes import Plane
+from taichi_plume.observed.planes import Plane
 from taichi_plume.time_loop import TimeLoop
 
 FLAT = 0.05  # height of the walls of a 2-D arena over its shorter side

@@ -13,7 +13,10 @@ import numpy as np
 import rerun as rr
 
 from taichi_plume import __version__
-from taichi_plume.record import layout, legends, planes, scales, scene, text_document
+from taichi_plume.observed import planes
+from taichi_plume.observed.observer import Observer
+from taichi_plume.observed.views import views
+from taichi_plume.record import layout, legends, scene, text_document
 from taichi_plume.record.map_pictures import BeliefPictures, MapPictures
 from taichi_plume.record.pictures import Arrows, Pictures
 from taichi_plume.record.placement import Stage
@@ -36,6 +39,7 @@ class Recorder:
     """Writer of `path` while `sim` runs. Add `observers()` to the simulation's; call `close()` in any case.
 
     `start()` begins the file, `resume()` continues the file of a resumed run. live: address of a viewer (see `live`).
+    observer: of the run's views; by default one of its own.
 
     Raises OSError, from the constructor or an observer, as soon as the disk has too little room.
     """
@@ -49,10 +53,10 @@ class Recorder:
         backend: str = "cpu",
         map_scores: MapScores | None = None,
         live: str | None = None,
+        observer: Observer | None = None,
     ):
         scenario = sim.scenario
         self.sim, self.path, self.t = sim, path, -np.inf
-        self.rates = scenario.recording
         robots = recorded_robots(sim)
         thresholds = {group.algorithm.threshold for group in scenario.robots}
         self.thresholds = sorted(ppm for ppm in thresholds if ppm is not None)
@@ -66,7 +70,12 @@ class Recorder:
         self.own_scores = None if map_scores else scores
         decisions = [each.name for each in sim.decision_columns()]
         stage = Stage.of(sim)
-        seen, shown = planes.planes(scenario, sim.grid.extent), scales.quantities(sim)
+        self.observer = observer or Observer(sim, views(sim))
+        self.own_observers = [] if observer else self.observer.observers()
+        seen = planes.planes(scenario, sim.grid.extent)
+        shown = list(
+            dict.fromkeys(view.quantity for view in self.observer.views if not view.quantity.components)
+        )
         blueprint = layout.Layout(sim, layout.Shown(stage, robots, seen, shown, live is not None)).blueprint()
         self.stream = Stream(path, scenario.name, list(scenario.seeds.values()), blueprint, live)
         self.sent = -np.inf  # wall time of the next batch for the viewer
@@ -83,16 +92,15 @@ class Recorder:
         self.stream.log_still(legends.legends(sim, stage, seen, shown))
         self.stream.log_still(text_document.about(sim, backend, len(robots), seen, shown))
         self.tracks = Tracks(self.stream, stage, robots, self.thresholds, self.events, decisions)
-        self.pictures = Pictures(self.stream, sim, stage, seen, shown)
-        self.arrows = Arrows(self.stream, sim, stage, seen)
+        self.arrows = Arrows(self.stream, stage, self.observer)
+        self.observer.shown_by += [Pictures(self.stream, sim, stage, self.observer).show, self.arrows.show]
         self.maps = MapPictures(self.stream, sim, stage, scores.series)
         self.beliefs = BeliefPictures(self.stream, sim, stage)
 
     def observers(self) -> list[Every]:
         """Return the observers that the simulation has to call, in this order."""
         return [
-            Every(1 / self.rates.rate, self.pictures.show, warm_up=True),
-            Every(1 / self.rates.wind_rate, self.arrows.show, warm_up=True),
+            *self.own_observers,
             Every(SAMPLE_PERIOD, self.tracks.sample),
             Every(SAMPLE_PERIOD, self.sample_obstacles, warm_up=True),
             *([self.own_scores.observer()] if self.own_scores else []),

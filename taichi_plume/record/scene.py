@@ -14,9 +14,9 @@ from taichi_plume.files.gaden import Cubes
 from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.meshes import Solid
 from taichi_plume.grid.shapes import Shape
+from taichi_plume.observed.planes import Plane, Raster
 from taichi_plume.record import drawing
 from taichi_plume.record.placement import Stage, label, mesh, picture, placed
-from taichi_plume.record.planes import Plane, Raster
 from taichi_plume.scenario import si
 from taichi_plume.scenario.gases import AnySource
 from taichi_plume.scenario.heat import Heat
@@ -275,12 +275,12 @@ def section(sim: TimeLoop, raster: Raster, stage: Stage) -> Entities:
     u, v = (stage.extent[d] for d in plane.axes)
     edges = placed(plane, [[0, 0], [u, 0], [u, v], [0, v], [0, 0]], stage, 4)
     yield f"{name}/edges", rr.LineStrips3D([edges], colors=LINES, radii=rr.Radius.ui_points(1.5))
-    solid = raster.of_cells(sim.air.solid.astype(np.float32)) > 0.5
+    solid = raster.solid
     if solid.any():
         pixels = np.zeros((*solid.shape, 4), np.uint8)
         pixels[solid] = (*rgb(SOLID), 255)
         how = {"color": True, "above": 3.0, "data": drawing.rows(pixels)}
-        yield f"{name}/solid", picture(plane, solid.shape, raster.cell, raster.origin, stage, **how)
+        yield f"{name}/solid", picture(plane, solid.shape, raster.cell[0], raster.origin, stage, **how)
     near = beside(sim, plane)
     for n, (_, source) in enumerate(sim.scenario.sources):
         if f"sources/{n}" in near:

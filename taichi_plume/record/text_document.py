@@ -6,8 +6,8 @@ from math import prod
 import rerun as rr
 
 from taichi_plume import __version__
-from taichi_plume.record.planes import Plane
-from taichi_plume.record.scales import Quantity
+from taichi_plume.observed.planes import Plane
+from taichi_plume.observed.quantities import Quantity
 from taichi_plume.record.scene import Entities
 from taichi_plume.scenario.readable_yaml import all_keys
 from taichi_plume.scoring.beliefs import believers

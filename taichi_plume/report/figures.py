@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from taichi_plume.files.run_tables import title_of
-from taichi_plume.record.drawing import Scale, decades, logarithmic
+from taichi_plume.observed.scales import Scale, decades, logarithmic
 from taichi_plume.record.recording_reader import Picture
 from taichi_plume.report import captions, plume, scene, theme
 from taichi_plume.results.run import Run

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 import numpy as np
 from matplotlib.patches import Rectangle
 
-from taichi_plume.record.drawing import DENSITIES, logarithmic
+from taichi_plume.observed.scales import logarithmic
+from taichi_plume.record.drawing import DENSITIES
 from taichi_plume.report import theme
 from taichi_plume.results.run import Run
 from taichi_plume.scoring.declarations import OF_BELIEFS

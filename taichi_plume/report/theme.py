@@ -20,7 +20,7 @@ from matplotlib.typing import ColorType
 
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import visible
-from taichi_plume.record.drawing import decades
+from taichi_plume.observed.scales import decades
 from taichi_plume.scenario import palette
 
 ABOVE, SIDE, FRONT = (0, 1), (0, 2), (1, 2)

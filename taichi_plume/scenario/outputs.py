@@ -35,7 +35,7 @@ class Section(Model):
 
 
 class Recording(Model):
-    """Content of recording.rrd."""
+    """Content of recording.rrd, and of pictures.zarr, which has the numbers behind its colours."""
 
     rate: si.Frequency = 5.0
     """Pictures of the gas, and of the temperature, per simulated second."""

@@ -102,7 +102,7 @@ class Scenario(Model):
     maps: tuple[Map, ...] = ()
     """Gas maps made online from the robots' readings, and scored against the mean of the true gas."""
     recording: Recording = Recording()
-    """Recording for the viewer, in recording.rrd."""
+    """Recording for the viewer, in recording.rrd, and as numbers in pictures.zarr."""
     forces: Forces = Forces()
     """Interval at which the force of the air on each obstacle is written to forces.csv."""
     probes: Probes | None = None

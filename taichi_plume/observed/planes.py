@@ -1,11 +1,11 @@
-"""Planes of a recording (horizontal slices, column maximum, vertical sections), and their pixels from cells.
+"""Planes and volumes that views show, and their pixels from the cells of a grid. Plain arrays, no Taichi kernel.
 
-Plain arrays, no rerun. A picture is an array (first axis, second axis) of its plane.
+A picture is an array (first axis, second axis[, third axis]) of its plane; pixels without air are NaN.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, hypot
 
 import numpy as np
 
@@ -15,17 +15,18 @@ from taichi_plume.scenario.size import MOST_PIXELS, MOST_VOXELS
 
 SLIGHT = 1e-9  # weight of solids beside air
 FLOOR = 0.1  # m: height of the slice without sources and sensors
+ARROWS = 26  # wind arrows along the diagonal of a plane
 
 
 @dataclass(frozen=True)
 class Plane:
-    """Plane of a picture. axes: horizontal and vertical axis of the picture; normal: third axis, None in 2-D.
+    """Plane, or volume, of a picture. axes: axes of the picture; normal: third axis of a plane, None in 2-D.
 
     level: position along the normal [m]; None for the maximum along the normal. text: description.
     """
 
     name: str
-    axes: tuple[int, int]
+    axes: tuple[int, ...]
     normal: int | None
     level: float | None
     text: str
@@ -42,9 +43,23 @@ class Plane:
         return self.normal is not None and self.level is None
 
     @property
+    def is_volume(self) -> bool:
+        """Whether the picture has all three axes."""
+        return len(self.axes) == 3
+
+    @property
     def letters(self) -> str:
-        """Names of the plane's two axes, such as "xz"."""
+        """Names of the plane's axes, such as "xz"."""
         return "".join("xyz"[d] for d in self.axes)
+
+
+VOLUME = Plane("volume", (0, 1, 2), None, None, "the room")
+"""Volume of a 3-D room, as voxels of several cells."""
+
+
+def cells_of(dim: int) -> Plane:
+    """Return all cells of a room, each as a pixel."""
+    return Plane("cells", tuple(range(dim)), None, None, "")
 
 
 def planes(scenario: Scenario, extent: Sequence[float]) -> list[Plane]:
@@ -108,22 +123,40 @@ class Raster:
 
     split: samples per cell along each axis, of a quantity known between the cells' centres; details: pixels per cell of
     such a quantity, within MOST_PIXELS. shape: number of pixels; cell, origin: size of a pixel and lower left corner,
-    in the plane's axes [m].
+    along the plane's axes [m]. Voxels of VOLUME are twice as wide as cells, at most MOST_VOXELS along each axis.
     """
 
     def __init__(self, plane: Plane, grid: Grid, solid: np.ndarray, split: int = 1, details: int = 1):
         self.plane, self.grid = plane, grid
         cells = [grid.shape[d] for d in plane.axes]
         self.block = split // details
-        if max(cells) * details > MOST_PIXELS:
+        if max(cells) * details > MOST_PIXELS and plane.name != "cells":
             self.block = split * ceil(max(cells) / MOST_PIXELS)
         self.samples = tuple(n * split for n in cells)
         self.step = grid.dx / split
-        self.shape = tuple(ceil(n / self.block) for n in self.samples)
-        self.cell, self.origin = self.step * self.block, (0.0, 0.0)
+        if plane == VOLUME:
+            self.shape = tuple(min(ceil(n / 2), MOST_VOXELS) for n in cells)
+            self.cell = tuple(length / n for length, n in zip(grid.extent, self.shape, strict=True))
+        else:
+            self.shape = tuple(ceil(n / self.block) for n in self.samples)
+            self.cell = (self.step * self.block,) * len(cells)
+        self.origin = (0.0,) * len(cells)
         self._layers: list[tuple[tuple, np.ndarray | float]] = []
         if plane.normal is not None and plane.level is not None:
             self._layers = _between(plane.normal, plane.level, grid, solid)
+        self.solid = self._solid(solid)
+
+    def _solid(self, solid: np.ndarray) -> np.ndarray:
+        """Return the mask of the pixels that cover no air."""
+        if self.plane.over_height:
+            closed = solid.all(axis=self.plane.normal)
+        elif self._layers:
+            closed = np.all([solid[layer] for layer, _ in self._layers], axis=0)
+        else:
+            closed = solid
+        for axis, n in enumerate(self.samples):
+            closed = np.repeat(closed, n // closed.shape[axis], axis=axis)
+        return ~self._pooled(~closed)
 
     @property
     def points(self) -> np.ndarray:
@@ -134,20 +167,37 @@ class Raster:
 
     def of_cells(self, values: np.ndarray) -> np.ndarray:
         """Return the pixels of a quantity in all cells, (*grid.shape); only without a `split`."""
-        if self.plane.normal is None:
-            picture = values
-        elif self.plane.over_height:
-            picture = values.max(axis=self.plane.normal)
-        else:
-            picture = sum(values[layer] * weight for layer, weight in self._layers)
-        return self.of_samples(np.asarray(picture))
+        if self._layers:
+            return self.of_samples(np.asarray(sum(values[layer] * weight for layer, weight in self._layers)))
+        return self.of_samples(values.max(axis=self.plane.normal) if self.plane.over_height else values)
 
     def of_samples(self, values: np.ndarray) -> np.ndarray:
         """Return the pixels of a plane's picture from a quantity's values at the sampling points (`points`)."""
-        if self.block == 1:
+        return np.where(self.solid, np.float32(np.nan), self._pooled(values))
+
+    def _pooled(self, values: np.ndarray) -> np.ndarray:
+        if values.shape == self.shape:
             return values
+        if self.plane == VOLUME:
+            return largest(values, self.shape)
         beyond = [(0, n * self.block - have) for n, have in zip(self.shape, values.shape, strict=True)]
         return largest(np.pad(values, beyond, mode="edge"), self.shape)
+
+
+class Lattice:
+    """Positions of the wind arrows of a plane. shape: their number, cell: their distance [m], along the plane's axes.
+
+    origin: lower left corner [m]; points: positions (*shape, dim) [m]; step: distance by which arrows are scaled [m].
+    """
+
+    def __init__(self, plane: Plane, extent: Sequence[float]):
+        sides = [extent[d] for d in plane.axes]
+        self.plane, self.step = plane, hypot(*sides) / ARROWS
+        self.shape = tuple(max(1, round(length / self.step)) for length in sides)
+        self.cell = tuple(length / n for length, n in zip(sides, self.shape, strict=True))
+        self.origin = (0.0,) * len(sides)
+        axes = [(np.arange(n) + 0.5) * cell for n, cell in zip(self.shape, self.cell, strict=True)]
+        self.points = plane.within(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
 
 
 def _between(
@@ -187,8 +237,3 @@ def largest(values: np.ndarray, counts: Sequence[int]) -> np.ndarray:
             picked = np.maximum(picked, values[(*index, part)])
         values = picked
     return values
-
-
-def voxels(shape: Sequence[int]) -> tuple[int, ...]:
-    """Return the number of voxels per axis of a volume picture: half the cells, at most MOST_VOXELS."""
-    return tuple(min(ceil(n / 2), MOST_VOXELS) for n in shape)
