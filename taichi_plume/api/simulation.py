@@ -5,9 +5,8 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Self
 
-import numpy as np
 from pydantic import Field
 
 from taichi_plume.api.simulate import given
@@ -16,10 +15,12 @@ from taichi_plume.assembly.assemble import build
 from taichi_plume.assembly.preparation import Source, load
 from taichi_plume.engine import program
 from taichi_plume.engine.process import one_thread
-from taichi_plume.files.film import BACKGROUND
-from taichi_plume.grid.sampler import Sampler
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import as_path
+from taichi_plume.observed.observer import Observer
+from taichi_plume.observed.planes import cells_of
+from taichi_plume.observed.quantities import quantities, wind
+from taichi_plume.observed.views import View, views
 from taichi_plume.scenario import si
 from taichi_plume.scenario.changes import shown
 from taichi_plume.scenario.comparison import differences_at_start
@@ -79,7 +80,6 @@ class Simulation:
         self._advancing = False
         self._looks: list[tuple[float, Callable[[Simulation], object]]] = []
         self._tables: list[Table] = []
-        self._air: tuple[float, np.ndarray] | None = None
 
     # ---------------------------------------------------------------- time
 
@@ -194,9 +194,8 @@ class Simulation:
         self._forget()
 
     def _forget(self) -> None:
-        """Remove the present air and its sampler, which belong to other components."""
-        self._air = None
-        vars(self).pop("_sampler", None)
+        """Remove the observer, which belongs to other components."""
+        vars(self).pop("_observer", None)
 
     def __enter__(self) -> Self:
         return self
@@ -267,11 +266,17 @@ class Simulation:
     # ---------------------------------------------------------------- the present
 
     @property
+    def fields(self) -> "xarray.Dataset":
+        """Present values at the cell centres of all that the scenario computes: wind, gas, temperature.
+
+        NaN in obstacles. The variables are those of `Run.fields`, such as u, v, `ethanol_ppm` and `temperature`.
+        """
+        return self._dataset(*(view.quantity.key for view in self._cells))
+
+    @property
     def wind(self) -> "xarray.Dataset":
         """Present velocity of the air at the cell centres [m/s]: u, v and in 3-D w; NaN in obstacles."""
-        names = "uvw"[: self.loop.grid.dim]
-        about = [("m s-1", f"velocity of the air along {axis}") for axis in "xyz"]
-        return self._dataset(dict(zip(names, zip(self._sampled(), about, strict=False), strict=False)))
+        return self._dataset("wind")
 
     @property
     def gas(self) -> "xarray.Dataset":
@@ -279,20 +284,7 @@ class Simulation:
 
         A gas with a background counts above the background, which is the attribute `background_ppm`.
         """
-        species = self.loop.gas.species
-        values = self._sampled()[self.loop.grid.dim :]
-        result = self._dataset(
-            {
-                f"{gas.name}_ppm": (ppm, ("ppm", f"mole fraction of {gas.name} at 25 degrees and 1 atm"))
-                for gas, ppm in zip(species, values, strict=False)
-            }
-        )
-        for gas, ppm in self.loop.scenario.backgrounds.items():
-            if ppm:
-                variable = result[f"{gas}_ppm"]
-                variable.attrs["long_name"] += f", above the background of {ppm:g} ppm"
-                variable.attrs[BACKGROUND] = ppm
-        return result
+        return self._dataset(*(view.quantity.key for view in self._cells if view.quantity.unit == "ppm"))
 
     @property
     def temperature(self) -> "xarray.DataArray":
@@ -300,11 +292,9 @@ class Simulation:
 
         Raises InputError if the scenario computes none.
         """
-        heat = self.loop.wind.heat
-        if heat is None:
+        if self.loop.wind.heat is None:
             raise InputError("the scenario computes no temperature; give wind.buoyancy.heat")
-        values = self._sampled()[-1] + np.float32(heat.reference)
-        return self._dataset({"temperature": (values, ("K", "temperature of the air"))}).temperature
+        return self._dataset("temperature").temperature
 
     @property
     def robots(self) -> "pandas.DataFrame":
@@ -329,15 +319,19 @@ class Simulation:
 
         view: "above", "column" or "section". view, ax, figsize: as of `Run.plot`. Raises InputError.
         """
-        from taichi_plume.report.present import figure
+        from taichi_plume.report.pictures import Shown, present
+        from taichi_plume.report.plume import Present
         from taichi_plume.report.theme import Place
         from taichi_plume.results.tracks import tracks_of
 
-        place = Place.of(ax, figsize)
-        data = self.temperature if of == "temperature" else self.gas.to_dataarray().sum("variable")
-        tracks = tracks_of(self._rows(True), self.scenario.robots) if self.loop.swarm.count else []
-        shapes = list(self.loop.obstacles)
-        return figure(self.loop, shapes, np.nan_to_num(data.to_numpy().T), of, view, wind, tracks, place)
+        loop, place = self.loop, Place.of(ax, figsize)
+        tracks = tracks_of(self._rows(True), self.scenario.robots) if loop.swarm.count else []
+        with one_thread():
+            seen = [view for view in self._observer.views if view.stored and view.plane.name != "cells"]
+            data = self._observer.dataset(loop, seen)
+        return present(
+            Present(self.scenario, list(loop.obstacles)), data, Shown(view, of, None, wind), tracks, place
+        )
 
     def _repr_html_(self) -> str:
         from taichi_plume.report.notebook import page
@@ -355,37 +349,23 @@ class Simulation:
     # ---------------------------------------------------------------- parts
 
     @cached_property
-    def _sampler(self) -> Sampler:
+    def _observer(self) -> Observer:
+        """Observer of the recording's views, and of all cells."""
         loop = self.loop
-        points = loop.grid.centers().reshape(-1, loop.grid.dim)
-        cells = [] if loop.wind.heat is None else [loop.wind.heat.theta]
-        return Sampler(points, loop.wind, loop.gas, cells, loop.air.solid, loop.grid, excess=True)
+        everywhere = cells_of(loop.grid.dim)
+        whole = [View(each, everywhere, 1.0) for each in (wind(loop), *quantities(loop)) if each.in_cells]
+        return Observer(loop, [*views(loop), *whole])
 
-    def _sampled(self) -> np.ndarray:
-        """Return wind, gas and, if computed, temperature in all cells, (quantities, *shape); NaN in obstacles."""
-        loop = self.loop
-        if self._air is None or self._air[0] != loop.t:
-            with one_thread():
-                values = self._sampler.sample(loop.t).reshape(-1, *loop.grid.shape)
-            self._air = loop.t, np.where(loop.air.solid, np.float32(np.nan), values)
-        return self._air[1]
+    @property
+    def _cells(self) -> list[View]:
+        return [view for view in self._observer.views if view.plane.name == "cells"]
 
-    def _dataset(self, variables: Mapping[str, tuple[np.ndarray, tuple[str, str]]]) -> "xarray.Dataset":
-        """Return a dataset of variables in all cells, given as values, unit and meaning, at the present time."""
-        import xarray as xr
-
-        grid = self.loop.grid
-        axes = "xyz"[: grid.dim]
-        coordinates: dict[str, Any] = {
-            axis: (axis, (np.arange(n) + 0.5) * grid.dx, {"units": "m", "axis": axis.upper()})
-            for axis, n in zip(axes, grid.shape, strict=True)
-        }
-        coordinates["time"] = ((), self.t, {"units": "s", "long_name": "simulated time"})
-        data = {
-            name: (tuple(reversed(axes)), values.T, {"units": unit, "long_name": meaning})
-            for name, (values, (unit, meaning)) in variables.items()
-        }
-        return xr.Dataset(data, coordinates, {"Conventions": "CF-1.11"})
+    def _dataset(self, *keys: str) -> "xarray.Dataset":
+        """Return the present values of quantities in all cells."""
+        with one_thread():
+            return self._observer.dataset(
+                self.loop, [view for view in self._cells if view.quantity.key in keys]
+            )
 
     def _rows(self, first_trial: bool = False) -> "pyarrow.Table":
         """Return the table of the robots at present; first_trial: only of the first trial of each group."""

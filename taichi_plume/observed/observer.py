@@ -94,13 +94,6 @@ class Observer:
 
     def dataset(self, sim: TimeLoop, views: Sequence[View] | None = None) -> "xarray.Dataset":
         """Return the present values of views, by default all, as a dataset without a time axis."""
-        import xarray
-
         seen = self.views if views is None else list(views)
-        pictures, (variables, coordinates) = self.observe(sim, seen), layout(seen, self.samples)
-        time = {"time": ((), round(sim.t, 9), {"units": "s", "long_name": "simulated time"})}
-        return xarray.Dataset(
-            {each.name: (each.dims, each.values(pictures), each.attributes) for each in variables},
-            {name: (name, *of) for name, of in coordinates.items()} | time,
-            {"Conventions": "CF-1.11"},
-        )
+        pictures, shape = self.observe(sim, seen), layout(seen, self.samples)
+        return shape.dataset([each.values(pictures) for each in shape.variables], round(sim.t, 9))

@@ -149,14 +149,14 @@ class Raster:
     def _solid(self, solid: np.ndarray) -> np.ndarray:
         """Return the mask of the pixels that cover no air."""
         if self.plane.over_height:
-            closed = solid.all(axis=self.plane.normal)
+            closed = np.asarray(solid.all(axis=self.plane.normal))
         elif self._layers:
             closed = np.all([solid[layer] for layer, _ in self._layers], axis=0)
         else:
             closed = solid
         for axis, n in enumerate(self.samples):
             closed = np.repeat(closed, n // closed.shape[axis], axis=axis)
-        return ~self._pooled(~closed)
+        return ~self._pooled(~np.asarray(closed))
 
     @property
     def points(self) -> np.ndarray:

@@ -1,9 +1,9 @@
 """Colour scales: linear or logarithmic encoding of values as bytes, and the ticks of their legends."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, floor, log, log10
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -43,6 +43,11 @@ class Scale:
     low: float
     high: float
     kind: Literal["log", "linear"]
+
+    @classmethod
+    def of(cls, attributes: Mapping[str, Any]) -> "Scale":
+        """Return the colour scale that the attributes of a picture state."""
+        return cls(attributes["colors_from"], attributes["colors_to"], attributes["colors"])
 
     def bytes(self, values: np.ndarray) -> np.ndarray:
         """Encode values as bytes (u8) on a linear or logarithmic scale; NaN becomes 0."""

@@ -1,14 +1,17 @@
 """Views: what a run shows, declared once as a quantity on a plane or in a volume, and its rate."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from taichi_plume.observed.planes import VOLUME, Lattice, Plane, Raster, planes
 from taichi_plume.observed.quantities import Quantity, quantities, wind
 from taichi_plume.time_loop import TimeLoop
+
+if TYPE_CHECKING:
+    import xarray
 
 SPLIT = 2  # samples per cell and axis of a gas with details below the cell size
 PLANES = {"slice": "in a plane", "column": "maximum over the height", "section": "in a vertical plane"}
@@ -70,7 +73,7 @@ class Variable(NamedTuple):
     shape: tuple[int, ...]
     attributes: dict[str, object]
 
-    def values(self, pictures: dict[str, np.ndarray]) -> np.ndarray:
+    def values(self, pictures: Mapping[str, np.ndarray]) -> np.ndarray:
         """Return the variable's values, (*shape), of the pictures that an `Observer` has taken."""
         values = pictures[self.view.name]
         return (values if self.component is None else values[self.component]).T
@@ -82,8 +85,19 @@ class Layout(NamedTuple):
     variables: list[Variable]
     coordinates: dict[str, tuple[np.ndarray, dict[str, str]]]
 
+    def dataset(self, values: Sequence[np.ndarray], times: "np.ndarray | float") -> "xarray.Dataset":
+        """Return a dataset of the variables' values, with a first axis of the times [s] unless there is one time."""
+        import xarray
 
-def layout(seen: Sequence[View], samples: dict[str, Raster | Lattice]) -> Layout:
+        moving = () if np.ndim(times) == 0 else ("time",)
+        coordinates: dict[str, tuple] = {name: (name, *of) for name, of in self.coordinates.items()}
+        coordinates["time"] = (moving, times, {"units": "s", "long_name": "simulated time", "axis": "T"})
+        pairs = zip(self.variables, values, strict=True)
+        data = {each.name: ((*moving, *each.dims), of, each.attributes) for each, of in pairs}
+        return xarray.Dataset(data, coordinates, {"Conventions": "CF-1.11"})
+
+
+def layout(seen: Sequence[View], samples: Mapping[str, Raster | Lattice]) -> Layout:
     """Return the variables and coordinates of views: `gas_slice` (y, x) and so on.
 
     Where the pixels of views differ, the axes of the later view have the name of its plane, or its own: `z_section`.
@@ -123,13 +137,17 @@ def _attributes(view: View, sample: Raster | Lattice) -> dict[str, object]:
     quantity, plane = view.quantity, view.plane
     where = plane.text or PLANES.get(plane.name, "")
     about: dict[str, object] = {
-        "long_name": ", ".join(part for part in (quantity.name, where) if part),
+        "long_name": ", ".join(part for part in (quantity.name, where) if part)
+        if where
+        else quantity.meaning or quantity.name,
         "units": quantity.unit,
         "quantity": quantity.name,
         **quantity.attributes,
     }
     if plane.name == "cells":
         return about
+    if isinstance(sample, Raster) and sample.shape != sample.samples:
+        about["cell_methods"] = "area: maximum"
     about |= {
         "view": plane.name,
         "plane": plane.text,

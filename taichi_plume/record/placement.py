@@ -54,7 +54,7 @@ def turned(plane: Plane) -> rr.Quaternion:
 
 
 def picture(
-    plane: Plane, shape: tuple[int, ...], cell: float, origin: tuple[float, float], stage: Stage, **how: Any
+    plane: Plane, shape: tuple[int, ...], cell: float, origin: tuple[float, ...], stage: Stage, **how: Any
 ) -> rr.GridMap:
     """Return a picture (rerun GridMap) in a plane; shape, cell: of pixels; origin: lower left corner in it [m]."""
     above = how.pop("above", 1.0)

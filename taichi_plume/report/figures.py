@@ -1,7 +1,7 @@
 """Figures of a report: mean plume and tracks, sensor readings and behaviour, success over time, scores of maps."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -11,11 +11,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from taichi_plume.files.run_tables import title_of
-from taichi_plume.observed.scales import Scale, decades, logarithmic
-from taichi_plume.record.recording_reader import Picture
+from taichi_plume.observed.scales import decades, logarithmic
 from taichi_plume.report import captions, plume, scene, theme
 from taichi_plume.results.run import Run
 from taichi_plume.results.tracks import ABOVE, Track
+
+if TYPE_CHECKING:
+    from xarray import DataArray
 
 WIDE = 7.2  # inches
 DPI = 100
@@ -28,13 +30,12 @@ PLOT, LANE, GAP = 1.1, 0.19, 0.2  # inches: a robot's readings, its behaviour, b
 DECIDED = 0.75  # inches: a decision quantity
 
 
-def mean_plume(run: Run, picture: Picture, tracks: Sequence[Track]) -> bytes:
+def mean_plume(run: Run, picture: "DataArray", tracks: Sequence[Track]) -> bytes:
     """Draw the mean of the recorded pictures, and the robots' tracks."""
     with theme.styled():
         figure, view = plume.figure_of(run, picture, tracks, WIDE, DPI, wind=False)
-        scale = Scale(picture.low, picture.high, "log" if picture.logarithmic else "linear")
-        end = max([float(picture.times[-1]), *(float(track.t[-1]) for track in tracks)])
-        view.show(end, scale.bytes(picture.mean()))
+        end = max([float(picture.time[-1]), *(float(track.t[-1]) for track in tracks)])
+        view.show(end, picture.mean("time").values)
         view.trails.set_segments(_trails(tracks) if view.plane == theme.ABOVE else [])
         return theme.png(figure)
 

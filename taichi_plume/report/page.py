@@ -3,16 +3,19 @@
 from collections.abc import Callable, Iterator
 from math import inf
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from taichi_plume.execution import summary
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import plain
-from taichi_plume.record.recording_reader import Picture
 from taichi_plume.report import captions, facts, figures, html, maps, scene
 from taichi_plume.report.html import Section
 from taichi_plume.report.references import papers
+from taichi_plume.results.pictures import has_pictures, picture_names, pictures
 from taichi_plume.results.run import Run
+
+if TYPE_CHECKING:
+    from xarray import DataArray
 
 NAME = "report.html"
 MOST_FRAMES = 240  # largest number of pictures of a recording for its mean
@@ -138,18 +141,17 @@ class Parts:
         run = self.run
         section = Section("Gas and paths of the robots", "plume")
         spacing = max(run.scenario.duration + run.scenario.warm_up, 1e-3) / MOST_FRAMES
-        pictures = self._tried(lambda: self._pictures(spacing), {})
-        shown = [picture for picture in pictures.values() if len(picture.times)]
+        shown = self._tried(lambda: self._pictures(spacing), [])
         shown.sort(key=lambda picture: (picture.axes != "xy", not picture.name.startswith("gas")))
         trails = self._trails()
         for picture in shown:
             where = f", {picture.plane}" if picture.plane else ""
-            kind = "logarithmic" if picture.logarithmic else "linear"
+            kind = "logarithmic" if picture.colors == "log" else "linear"
             trailing = trails if picture.axes == "xy" else captions.ASIDE
             caption = captions.MEAN.format(
-                count=len(picture.times),
-                begin=picture.times[0],
-                end=picture.times[-1],
+                count=picture.time.size,
+                begin=float(picture.time[0]),
+                end=float(picture.time[-1]),
                 kind=kind,
                 trails=trailing,
             )
@@ -161,13 +163,16 @@ class Parts:
                 section.image(figures.only_tracks(run, self.tracks), "Tracks", trails)
         return section
 
-    def _pictures(self, spacing: float) -> dict[str, Picture]:
-        """Return recorded pictures of the first plane of each kind, by name; the gas column replaces the gas slice."""
-        if not (self.run.has("recording.rrd") or self.run.has("fields.zarr")):
-            return {}
-        names = [name for name in self.run.planes.names() if name.count("_") == 1]
-        names = [name for name in names if not (name == "gas_slice" and "gas_column" in names)]
-        return self.run.planes.read(names, (0.0, inf), spacing)
+    def _pictures(self, spacing: float) -> "list[DataArray]":
+        """Return pictures of the first plane of each kind; the column of a quantity replaces its slice."""
+        if not has_pictures(self.run):
+            return []
+        names = [name for name in picture_names(self.run) if name.count("_") == 1]
+        names = [
+            name for name in names if name.replace("slice", "column") not in names or "slice" not in name
+        ]
+        found = pictures(self.run, names, (0.0, inf), spacing)
+        return [found[name] for name in names if found.time.size]
 
     def _trails(self) -> str:
         if not self.tracks:

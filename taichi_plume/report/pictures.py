@@ -1,28 +1,31 @@
 """Pictures and films of a run, for talks, papers and notebooks: the recorded gas with its scale, wind and robots.
 
-The data come from recording.rrd or, without a recording, from fields.zarr; nothing is computed again.
+The data come from pictures.zarr or, without it, from fields.zarr; nothing is computed again.
 """
 
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.record.recording_reader import Arrows, Picture
 from taichi_plume.report.films import film
 from taichi_plume.report.html import data_url
-from taichi_plume.report.plume import PlumeView, Scene, figure_of, view_in
+from taichi_plume.report.plume import Arrows, PlumeView, Present, Scene, figure_of, view_in
 from taichi_plume.report.theme import ANYWHERE, Place, figure_around, styled
 from taichi_plume.report.theme import LETTERS as SIZES
+from taichi_plume.results.pictures import picture_names, pictures, require_pictures, span, wind
 from taichi_plume.results.run import Run
 from taichi_plume.results.tracks import Track
 
+if TYPE_CHECKING:
+    from xarray import DataArray, Dataset
+
 VIEWS = {"above": "slice", "slice": "slice", "column": "column", "section": "section", "side": "section"}
-"""Views, and their names in recordings."""
+"""Views, and the names of their planes."""
 DPI = 160
 LETTERS = 1.35  # over those of a page
 PICTURE_WIDTH, FILM_WIDTH = 1600, 960  # pixels
@@ -78,7 +81,7 @@ class Film(NamedTuple):
 
 def still(
     run: Run, at: float | None = None, shown: Shown = DEFAULT, place: Place = ANYWHERE
-) -> tuple[Figure, Picture, float]:
+) -> tuple[Figure, "DataArray", float]:
     """Return a figure of the run at time `at` [s], by default the end, the recorded pictures drawn, and that time.
 
     place: axes to draw into, or size of the figure. Raises InputError if there is no such view or time.
@@ -86,12 +89,38 @@ def still(
     period, end = max(1.0 / _rate(run, "rate"), run.scenario.tick), _end(run)
     at = end if at is None else at
     picture = _picture(run, shown, (at - 1.5 * period, at))
-    if not len(picture.times) or at > end + period:
-        raise _outside(run, picture.name, at)
+    if not picture.time.size or at > end + period:
+        raise _outside(run, at)
     figure, view = framed(run, picture, run.tracks, shown.width or PICTURE_WIDTH, shown.wind, place)
-    arrows = run.planes.arrows(_plane(picture), (at - 1.5 / _rate(run, "wind_rate"), at))
-    show_at(view, picture, at, arrows)
+    air = wind(run, _plane(picture), (at - 1.5 / _rate(run, "wind_rate"), at))
+    show_at(view, picture[-1], at, Arrows.of(air))
     return figure, picture, at
+
+
+def present(
+    scene: Present, data: "Dataset", shown: Shown, tracks: Sequence[Track], place: Place = ANYWHERE
+) -> Figure:
+    """Return a figure of a running simulation, from a dataset of its views at the present time.
+
+    Raises InputError if there is no such view or quantity.
+    """
+    names = [str(name) for name, values in data.data_vars.items() if "colors" in values.attrs]
+    known = dict.fromkeys(name.rpartition(f"_{data[name].view}")[0] for name in names)
+    if shown.of not in known:
+        raise InputError(
+            f"of: got {shown.of!r}; allowed are {', '.join(known) or 'none: nothing is computed'}"
+        )
+    allowed = [data[name].view for name in names if name == f"{shown.of}_{data[name].view}"]
+    view = VIEWS.get(shown.view, shown.view) if shown.view else "column" if "column" in allowed else "slice"
+    if view not in allowed:
+        raise InputError(f"view: got {shown.view!r}; allowed are {', '.join(allowed)}")
+    picture = data[f"{shown.of}_{view}"]
+    drawn, frame = framed(scene, picture, tracks, shown.width or PICTURE_WIDTH // 2, shown.wind, place)
+    plane = f"_{_plane(picture)}"
+    air = data[[name for name in map(str, data.data_vars) if name[:1] in "uvw" and name[1:] == plane]]
+    with styled():
+        show_at(frame, picture, float(data.time), Arrows.of(air) if shown.wind else None)
+    return drawn
 
 
 def make_film(
@@ -114,31 +143,36 @@ def make_film(
         raise InputError(f"{run.folder}: {what}")
     count = frames or MOST_FRAMES
     picture = _picture(run, shown, (begin, end), 0.0 if frames else (end - begin) / count)
-    if not len(picture.times):
-        raise _outside(run, picture.name, begin)
-    chosen = list(range(len(picture.times)))
+    if not picture.time.size:
+        raise _outside(run, begin)
+    chosen = list(range(picture.time.size))
     if len(chosen) > count:
         chosen = np.linspace(0, len(chosen) - 1, count).round().astype(int).tolist()
     figure, view = framed(run, picture, run.tracks, shown.width or FILM_WIDTH, shown.wind)
     between = (begin - 1.5 / _rate(run, "wind_rate"), end)
-    arrows = run.planes.arrows(_plane(picture), between, (end - begin) / count)
+    arrows = Arrows.of(wind(run, _plane(picture), between, (end - begin) / count))
 
     def show(n: int) -> None:
-        show_at(view, picture, float(picture.times[n]), arrows, n)
+        show_at(view, picture[n], float(picture.time[n]), arrows)
 
     with styled():
         film(figure, view.moving, path, fps, chosen, show)
-    return picture.times[chosen]
+    return picture.time.values[chosen]
 
 
-def show_at(view: PlumeView, picture: Picture, t: float, arrows: Arrows | None, n: int = -1) -> None:
-    """Update a view to time t [s], with the n-th picture."""
-    view.show(t, picture.data[n], arrows)
+def show_at(view: PlumeView, picture: "DataArray", t: float, arrows: Arrows | None) -> None:
+    """Update a view to time t [s], with a picture of that time."""
+    view.show(t, picture.values, arrows)
     view.clock.set_text(f"t = {t:.1f} s")
 
 
 def framed(
-    scene: Scene, picture: Picture, tracks: Sequence[Track], width: int, wind: bool, place: Place = ANYWHERE
+    scene: Scene,
+    picture: "DataArray",
+    tracks: Sequence[Track],
+    width: int,
+    wind: bool,
+    place: Place = ANYWHERE,
 ) -> tuple[Figure, PlumeView]:
     """Return a figure, `width` pixels wide unless `place` is given, and the view that draws the plume in the figure."""
     if place.ax is not None:
@@ -157,26 +191,28 @@ def framed(
 # ---------------------------------------------------------------- recorded pictures
 
 
-def _picture(run: Run, shown: Shown, between: tuple[float, float], spacing: float = 0.0) -> Picture:
+def _picture(run: Run, shown: Shown, between: tuple[float, float], spacing: float = 0.0) -> "DataArray":
     """Read the recorded gas pictures of one view between two times [s]. Raises InputError if the run has none."""
     views = [VIEWS.get(shown.view, shown.view)] if shown.view else ["column", "slice"]
+    require_pictures(run)
+    there = picture_names(run)
     names = [f"{shown.of}_{view}" for view in views]
-    pictures = run.planes.read(names, between, spacing)
-    if not pictures:
-        there = ", ".join(run.planes.names()) or "none"
-        raise InputError(f"{run.folder}: has no pictures of {' or '.join(names)}, but of {there}")
-    return pictures[next(name for name in names if name in pictures)]
+    name = next((name for name in names if name in there), None)
+    if name is None:
+        what = f"has no pictures of {' or '.join(names)}, but of {', '.join(there) or 'none'}"
+        raise InputError(f"{run.folder}: {what}")
+    return pictures(run, [name], between, spacing)[name]
 
 
 def _rate(run: Run, key: str) -> float:
     """Return the number of recorded pictures per simulated second; key: `rate` for gas, `wind_rate` for wind."""
     fields = run.scenario.fields
-    if fields is None or run.has("recording.rrd"):
+    if fields is None or run.has("pictures.zarr"):
         return vars(run.scenario.recording)[key]
     return fields.rate
 
 
-def _plane(picture: Picture) -> str:
+def _plane(picture: "DataArray") -> str:
     """Return the name of the plane whose recorded wind is drawn into a picture of gas."""
     return picture.view if picture.axes != "xy" else "slice"
 
@@ -186,10 +222,10 @@ def _end(run: Run) -> float:
     simulated = run.result.get("simulated_s")
     if isinstance(simulated, int | float) and not run.unfinished:
         return run.begin + float(simulated)
-    return max([*(float(track.t[-1]) for track in run.tracks), *(run.planes.span() or ())], default=run.begin)
+    return max([*(float(track.t[-1]) for track in run.tracks), *(span(run) or ())], default=run.begin)
 
 
-def _outside(run: Run, name: str, at: float) -> InputError:
-    times = run.planes.span([name])
+def _outside(run: Run, at: float) -> InputError:
+    times = span(run)
     there = "none" if times is None else f"from {times[0]:g} to {times[1]:g} s"
     return InputError(f"{run.folder}: t = {at:g} s is outside the run, whose pictures are {there}")

@@ -5,7 +5,7 @@ Only the artists of moving parts are updated for a new time, so a film draws wal
 
 from collections.abc import Sequence
 from math import degrees
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib import rcParams
@@ -20,12 +20,15 @@ from matplotlib.text import Text
 from matplotlib.transforms import Affine2D
 
 from taichi_plume.grid.shapes import Shape, rotation
+from taichi_plume.observed.scales import Scale
 from taichi_plume.record.drawing import pointed_disc
-from taichi_plume.record.recording_reader import Arrows, Picture
 from taichi_plume.report import scene, theme
 from taichi_plume.results.run import Run
 from taichi_plume.results.tracks import Track
 from taichi_plume.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from xarray import DataArray, Dataset
 
 RIM = 5.0  # points, of the outline of a robot that has found the source; half of it lies outside the body
 BODY = 0.011  # robots are drawn at least this large, over the longer side of the view
@@ -34,7 +37,44 @@ MOST_NAMES = 6  # robots that the legend names individually
 LETTER, LOWEST = 0.075, 1.0  # inches: a letter's width; the height of a picture's scale
 BESIDE, BELOW, ON_TOP = 0.6, 0.5, 0.68  # inches around the axes, for letters of 9 points
 BAR = 1.15
+FAST, SLOWEST = 1.2, 1e-3  # length of fast arrows over their distance; least speed of these [m/s]
 CROWDED = 1.6  # width of a legend over that of the figure, from which it has two rows
+
+
+class Arrows(NamedTuple):
+    """Wind as drawn: times (n,) [s]; for each time the arrows' tails and vectors in the picture, (m, 2) [m]."""
+
+    times: np.ndarray
+    tails: list[np.ndarray]
+    ways: list[np.ndarray]
+
+    @classmethod
+    def of(cls, wind: "Dataset | None") -> "Arrows | None":
+        """Return the wind on a plane as arrows; the 95 % quantile of the speed is drawn FAST times their distance long.
+
+        wind: variables u, v or w along the plane's axes, over time or at one time.
+        """
+        if wind is None or not wind.data_vars:
+            return None
+        if "time" not in wind.dims:
+            wind = wind.expand_dims("time")
+        some = next(iter(wind.data_vars.values()))
+        along = [wind[f"{'uvw'['xyz'.index(axis)]}_{some.view}"] for axis in some.axes]
+        vertical, horizontal = (some[dim].values for dim in some.dims[1:])
+        middle = np.stack(np.meshgrid(horizontal, vertical), axis=-1).reshape(-1, 2)
+        velocity = np.stack([part.values.reshape(len(wind.time), -1) for part in along], axis=-1).astype(
+            float
+        )
+        known = np.linalg.norm(velocity, axis=-1)
+        top = max(float(np.nanquantile(known, 0.95)), SLOWEST) if known.size else SLOWEST
+        ways = list(np.nan_to_num(velocity) * (FAST * float(np.mean(some.cell)) / top))
+        return cls(wind.time.values, [middle - way / 2 for way in ways], ways)
+
+
+def edges(picture: "DataArray") -> tuple[float, float, float, float]:
+    """Return the left, right, bottom and top edge of a picture in the plane's axes [m]."""
+    (dx, dy), (y, x) = picture.cell, (picture[dim].values for dim in picture.dims[-2:])
+    return float(x[0] - dx / 2), float(x[-1] + dx / 2), float(y[0] - dy / 2), float(y[-1] + dy / 2)
 
 
 class Present(NamedTuple):
@@ -54,17 +94,17 @@ class PlumeView:
     """
 
     def __init__(
-        self, axes: Axes, run: Scene, picture: Picture, tracks: Sequence[Track] = (), wind: bool = True
+        self, axes: Axes, run: Scene, picture: "DataArray", tracks: Sequence[Track] = (), wind: bool = True
     ):
         self.axes, self.run, self.picture, self.tracks = axes, run, picture, list(tracks)
-        self.plane = theme.PLANES[picture.axes]
+        self.plane, self.scale = theme.PLANES[picture.axes], Scale.of(picture.attrs)
         extent = run.scenario.domain.extent
         self.length = max(extent[d] for d in self.plane)
         solids = scene.draw(axes, run.scenario, run.shapes, False, self.plane, starts=False)
-        colors = theme.WARMTH if picture.unit == "K" else theme.GAS
+        colors = theme.GAS if picture.units == "ppm" else theme.WARMTH
         self.image = axes.imshow(
-            np.zeros(picture.data.shape[1:], np.uint8), cmap=colors, vmin=0, vmax=255, origin="lower",
-            extent=picture.extent, interpolation="bilinear", zorder=1,
+            np.zeros(picture.shape[-2:], np.uint8), cmap=colors, vmin=0, vmax=255, origin="lower",
+            extent=edges(picture), interpolation="bilinear", zorder=1,
         )  # fmt: skip
         axes.set_xlim(*_around(extent[self.plane[0]], self.length))
         axes.set_ylim(*_around(extent[self.plane[1]], self.length))
@@ -92,17 +132,16 @@ class PlumeView:
         drawn = [self.image, *patches, self.arrows, self.trails, self.rims, self.bodies]
         self.moving: list[Artist] = [*drawn, *self.crosses]
 
-    def show(self, t: float, pixels: np.ndarray, arrows: Arrows | None = None) -> None:
-        """Update the view to time t [s]: gas by pixels (rows, columns) of 0 to 255, wind arrows, obstacles, robots."""
-        self.image.set_data(pixels)
+    def show(self, t: float, values: np.ndarray, arrows: Arrows | None = None) -> None:
+        """Update the view to time t [s]: values of the picture (rows, columns), wind arrows, obstacles, robots."""
+        self.image.set_data(self.scale.bytes(values))
         for patch, model in self.walkers:
             place = (*model.motion.place(model.center, t), 0.0)
             way = [place[d] - (*model.center[:2], 0.0)[d] for d in self.plane]
             patch.set_transform(Affine2D().translate(*way) + self.axes.transData)
         if arrows is not None and len(arrows.times):
             n = max(0, int(np.searchsorted(arrows.times, t + 1e-6, side="right")) - 1)
-            flat = list(self.plane)
-            self.arrows.set_verts(arrow_outlines(arrows.tails[n][:, flat], arrows.ways[n][:, flat]))
+            self.arrows.set_verts(arrow_outlines(arrows.tails[n], arrows.ways[n]))
         self._robots(t)
 
     def _robots(self, t: float) -> None:
@@ -163,7 +202,7 @@ def arrow_outlines(tails: np.ndarray, ways: np.ndarray) -> np.ndarray:
 
 def figure_of(
     run: Scene,
-    picture: Picture,
+    picture: "DataArray",
     tracks: Sequence[Track],
     width: float,
     dpi: float,
@@ -206,7 +245,7 @@ def figure_of(
     return figure, view
 
 
-def view_in(axes: Axes, run: Scene, picture: Picture, tracks: Sequence[Track], wind: bool) -> PlumeView:
+def view_in(axes: Axes, run: Scene, picture: "DataArray", tracks: Sequence[Track], wind: bool) -> PlumeView:
     """Return a view that draws into axes of the user, with a colour bar beside; `axes.legend()` adds the legend."""
     view = PlumeView(axes, run, picture, tracks, wind)
     _bar(axes, view, theme.LONGEST_NAME)
@@ -219,11 +258,10 @@ def view_in(axes: Axes, run: Scene, picture: Picture, tracks: Sequence[Track], w
 def _bar(axes: Axes, view: PlumeView, letters: int, **where: Any) -> None:
     """Add the colour bar of a view; letters: that its label can have."""
     picture = view.picture
-    plane = f"\n{picture.plane}" if picture.plane else ""
-    name = theme.short(picture.quantity, max(8, letters - len(f" [{picture.unit}]")))
-    theme.scale(
-        axes, view.image, picture.low, picture.high, picture.logarithmic, f"{name} [{picture.unit}]{plane}", **where
-    )  # fmt: skip
+    plane, scale = f"\n{picture.plane}" if picture.plane else "", view.scale
+    name = theme.short(picture.quantity, max(8, letters - len(f" [{picture.units}]")))
+    title = f"{name} [{picture.units}]{plane}"
+    theme.scale(axes, view.image, scale.low, scale.high, scale.kind == "log", title, **where)
 
 
 def _handles(run: Scene, view: PlumeView) -> list[Line2D]:

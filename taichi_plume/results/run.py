@@ -2,7 +2,8 @@
 
     run.fields      xarray.Dataset: wind, gas [ppm] and temperature over time, of a run with `fields` in its scenario;
                     values are read on use
-    run.pictures    xarray.Dataset: planes decoded from the colours of the recording; see `Run.pictures`
+    run.pictures    xarray.Dataset: gas and temperature on the planes of the recording; see `Run.pictures`
+    run.winds       xarray.Dataset: wind on the planes of the recording
     run.robots      pandas.DataFrame: a row per robot and tick; units in `run.robots.attrs["units"]`
     run.probes      pandas.DataFrame, of a run with `probes`
     run.forces      pandas.DataFrame: the force of the air on each obstacle
@@ -17,7 +18,6 @@ or damaged parts raise RunFolderError with a message of one line.
 
 Reports, pictures and films also use
 
-    run.planes      pictures and wind arrows in planes, of the recording or else of the fields; see `RecordedPictures`
     run.tracks      list of results.tracks.Track: robots of the first trial of each group over time
     run.shapes      shapes of the obstacles that may be read; `run.lacks` names the others
 """
@@ -31,7 +31,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from taichi_plume import __version__
-from taichi_plume.files import manifest
+from taichi_plume.files import manifest, pictures_file
 from taichi_plume.files.run_folder import HEADER, KILLED, OURS, RunFolderError, is_run, read_json
 from taichi_plume.files.tables import LONGEST_TEXT, plain
 from taichi_plume.guard.safe_open import as_path, content_of, unopenable
@@ -46,16 +46,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from taichi_plume.grid.shapes import Shape
-    from taichi_plume.record.recording_reader import RecordedPictures
     from taichi_plume.report.pictures import Film
-    from taichi_plume.results.film_pictures import FilmPictures
     from taichi_plume.results.tracks import Track
     from taichi_plume.scenario.scenario import Scenario
 
 LARGEST_CSV = 1 << 30  # bytes
 FILES = {
     "fields": ("fields.zarr",),
-    "pictures": ("recording.rrd",),
+    "pictures": ("pictures.zarr",),
     "robots": ("robots.parquet", "robots.arrows"),
     "probes": ("probes.parquet", "probes.arrows"),
     "forces": ("forces.csv",),
@@ -63,7 +61,7 @@ FILES = {
 }
 """Names of the file of each part, the preferred name first."""
 REMEDIES = {
-    "fields": "`fields: {rate: 2}` in the scenario records fields (.pictures are the colours of a recording, decoded)",
+    "fields": "`fields: {rate: 2}` in the scenario records fields; .pictures has planes of a recording",
     "pictures": "run without --no-recording",
     "robots": "the scenario has no robots",
     "probes": "run with `probes: {points: [{kind: point, name: a, at: [1, 2]}]}` in the scenario",
@@ -162,17 +160,17 @@ class Run:
 
     @cached_property
     def pictures(self) -> "xarray.Dataset":
-        """Planes of gas and temperature over time, decoded from the colours of the recording.
+        """Pictures of gas and temperature on planes over time, such as `gas_slice`, read on use.
 
-        Values are coarse: a picture has 256 colours between `recorded_from` and `recorded_to` (attributes of each
-        variable). A higher value reads `recorded_to`; on a logarithmic scale, a lower value reads 0. The variables are
-        planes, such as `gas_slice` and `gas_column` (maximum over the height), and include the warm-up (t < 0).
-        `fields` in the scenario records exact values.
+        Attributes of each variable state its precision. The warm-up (t < 0) is included; pixels without air are NaN.
+        `gas_column` is the maximum over the height. See files/pictures_file.py.
         """
-        from taichi_plume.record.recording_reader import RecordedPictures, dataset
+        return pictures_file.read(self._path("pictures"))
 
-        self.require("recording.rrd")
-        return dataset(RecordedPictures(self.folder / "recording.rrd").read().values())
+    @cached_property
+    def winds(self) -> "xarray.Dataset":
+        """Wind [m/s] on a lattice of the recorded planes over time, such as `u_slice` and `v_slice`, read on use."""
+        return pictures_file.read(self._path("pictures"), "wind")
 
     @cached_property
     def robots(self) -> "pandas.DataFrame":
@@ -227,21 +225,6 @@ class Run:
         return [text.removeprefix("Again:").strip() for text in texts]
 
     @cached_property
-    def planes(self) -> "RecordedPictures | FilmPictures":
-        """Reader of gas pictures and wind arrows in planes, from the viewer's recording or else from the film."""
-        if self.has("recording.rrd"):
-            from taichi_plume.record.recording_reader import RecordedPictures
-
-            return RecordedPictures(self.folder / "recording.rrd")
-        if self.has("fields.zarr"):
-            from taichi_plume.results.film_pictures import FilmPictures
-
-            return FilmPictures(self.folder / "fields.zarr", self.scenario)
-        raise RunFolderError(
-            f"{self.folder}: has neither recording.rrd nor fields.zarr, from which pictures are made"
-        )
-
-    @cached_property
     def tracks(self) -> "list[Track]":
         """Trajectories of robots in the first trial of each group, of at most MOST_ROBOTS in all."""
         from taichi_plume.results.tracks import tracks
@@ -282,7 +265,7 @@ class Run:
         """Return a figure of the run at time `at` [s], by default the end: gas with its scale, wind and robots.
 
         view: "above", "column", "section" or a plane of the recording; by default column in 3-D. of: quantity, such as
-        "temperature". The colours are those of the recording. ax: axes of a figure of yours to draw into, whose
+        "temperature". ax: axes of a figure of yours to draw into, whose
         ``ax.legend()`` then names sources and robots; figsize: width and height of a new figure [inches]. Raises
         InputError if there is no such view or time, or the figure would be too small.
         """
@@ -324,9 +307,8 @@ class Run:
     def gas_at(self, x: float, y: float, z: float | None = None) -> "xarray.Dataset":
         """Return the concentration of each gas over time [ppm] at a position [m]; see results/gas_at.py.
 
-        It is interpolated from `fields` or, without these, from the pictures of the recording. The attributes of each
-        variable state its precision and, for pictures, the range outside of which values are NaN. Raises InputError if
-        the position is outside the room or, for pictures, outside their planes.
+        It is interpolated from `fields` or, without these, from `pictures`. The attributes of each variable state its
+        precision. Raises InputError if the position is outside the room or, for pictures, outside their planes.
         """
         from taichi_plume.results.gas_at import gas_at
 
