@@ -34,7 +34,7 @@ LIBRARIES = {
 CHECKED = {
     "contests/fixed_scenarios.py: fixed": "a file of the package",
     "files/bundled.py: example": "a file of the package",
-    "report/html.py: write": "a file of the package",
+    "report/html.py: page": "a file of the package",
     "guard/sandbox.py: _confine": "/proc",
     "execution/result.py: _processor": "/proc",
     "studies/workers.py: cores": "/sys",
