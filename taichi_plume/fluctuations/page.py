@@ -10,7 +10,7 @@ from taichi_plume.fluctuations.analysis import Kind, OfProbe, Profile
 from taichi_plume.fluctuations.durations import CELANI, DECADE, FEWEST
 from taichi_plume.fluctuations.records import AXES
 from taichi_plume.fluctuations.result import PAGE, Statistics
-from taichi_plume.report import html, notebook
+from taichi_plume.report import html
 from taichi_plume.report.html import Section
 
 MOST_PROBES = 6
@@ -34,7 +34,7 @@ def of_notebook(found: Statistics) -> str:
     images = (
         _maps(found).images or _spread(first).images or _whiffs(found, first).images or _time(first).images
     )
-    return notebook.page(found.rows, images[0].png if images else b"")
+    return html.in_notebook(found.rows, picture=images[0].png if images else b"")
 
 
 def _number(value: Any) -> str:

@@ -63,11 +63,11 @@ class Table:
 
 @dataclass
 class Section:
-    """Section of an HTML page: lines of text, then images, then tables. key: anchor; code: the lines are commands."""
+    """Section of an HTML page: lines (texts or `Mark`), then images, then tables. key: anchor; code: of commands."""
 
     title: str
     key: str
-    lines: list[str | Mark] = field(default_factory=list)
+    lines: list[Any] = field(default_factory=list)
     images: list[Image] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
     code: bool = False

@@ -190,8 +190,11 @@ class Page:
             if not mine:
                 continue
             names = [", ".join(_plain(row[name]) for name in others if name in row) for row in mine]
-            image = plots.refinement(mine, names, quantity.title, quantity.unit)
-            section.image(image, f"{quantity.title} over the spacing", captions.SPACING)
+            section.image(
+                plots.refinement(mine, names, quantity),
+                f"{quantity.title} over the spacing",
+                captions.SPACING,
+            )
             lines = [
                 (
                     name or "all",
@@ -226,8 +229,7 @@ class Page:
             cells = [quantity.cell(estimates[quantity.name][row]) for quantity in shown]
             rows.append((*(_plain(about[axis]) for axis in axes), *cells, runs))
         heads = [plots.label(self.points, axis) for axis in axes]
-        heads += [q.title + (f" [{q.unit}]" if q.unit not in ("", "1") else "") for q in shown]
-        section.table(rows, (*heads, "runs"), caption)
+        section.table(rows, (*heads, *(q.heading for q in shown), "runs"), caption)
         return section
 
     def failures(self) -> Section:
