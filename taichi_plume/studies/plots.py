@@ -67,15 +67,6 @@ def _scaled(quantity: Quantity, estimate: Estimate) -> list[float]:
     return [(100.0 if quantity.share else 1.0) * value for value in estimate[:3]]
 
 
-def interval_bar(axes: "Axes", place: int, quantity: Quantity, estimate: Estimate) -> None:
-    """Draw an estimate at y = `place`: its mean as a dot, its confidence interval as a horizontal error bar."""
-    mean, low, high = _scaled(quantity, estimate)
-    axes.errorbar(
-        [mean], [place], xerr=np.nan_to_num(np.abs([[mean - low], [high - mean]])), color=theme.robot(place),
-        marker="o", markersize=4.5, capsize=2.5,
-    )  # fmt: skip
-
-
 # ---------------------------------------------------------------- along one axis
 
 
@@ -204,7 +195,9 @@ def between(points: Points, axis: str, quantities: Sequence[Quantity]) -> bytes:
     return compared(names, {quantity: points.estimated(quantity, [axis]) for quantity in quantities})
 
 
-def compared(names: Names, found: Mapping[Quantity, Estimates], longest_s: float = np.nan) -> bytes:
+def compared(
+    names: Names, found: Mapping[Quantity, Mapping[Any, Estimate | None]], longest_s: float = np.nan
+) -> bytes:
     """Return a PNG with a panel per quantity: mean and interval of each name. longest_s: end of the axis of times."""
     with theme.panels(len(found), len(found), max(1.4, 0.7 + 0.24 * len(names)), math=False) as plot:
         for axes, (quantity, estimates) in zip(plot, found.items(), strict=True):
@@ -214,11 +207,17 @@ def compared(names: Names, found: Mapping[Quantity, Estimates], longest_s: float
     return plot.png
 
 
-def _intervals(axes: "Axes", quantity: Quantity, names: Names, found: Estimates, named: bool) -> None:
+def _intervals(
+    axes: "Axes", quantity: Quantity, names: Names, found: Mapping[Any, Estimate | None], named: bool
+) -> None:
     """Draw an interval bar per value of an axis, with the values at the left if `named`."""
     for place, name in enumerate(names):
-        if name in found:
-            interval_bar(axes, place, quantity, found[name])
+        estimate = found.get(name)
+        if estimate is not None and estimate.n:
+            mean, low, high = _scaled(quantity, estimate)
+            reach = np.nan_to_num(np.abs([[mean - low], [high - mean]]))
+            look = {"color": theme.robot(place), "marker": "o", "markersize": 4.5, "capsize": 2.5}
+            axes.errorbar([mean], [place], xerr=reach, **look)
     axes.set_yticks(range(len(names)), [theme.short(str(name)) if named else "" for name in names])
     theme.verbatim(axes.get_yticklabels())
     axes.set_ylim(len(names) - 0.5, -0.5)
