@@ -69,3 +69,13 @@ def pytest_xdist_make_scheduler(config, log):
             return scope(nodeid)
 
     return Scheduling(config, log) if config.getvalue("dist") == "loadfile" else None
+
+
+@pytest.fixture
+def drawn(monkeypatch) -> list:
+    """Return the list of figures that would have become pictures."""
+    from taichi_plume.report import theme
+
+    made: list = []
+    monkeypatch.setattr(theme, "png", lambda figure: made.append(figure) or b"png")
+    return made

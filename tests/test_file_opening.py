@@ -32,9 +32,9 @@ LIBRARIES = {
 }
 """Functions that open a file by its path."""
 CHECKED = {
-    "contests/fixed_scenarios.py: fixed": "a file of the package",
+    "contests/execution.py: fixed": "a file of the package",
     "files/bundled.py: example": "a file of the package",
-    "report/html.py: write": "a file of the package",
+    "report/html.py: page": "a file of the package",
     "guard/sandbox.py: _confine": "/proc",
     "execution/result.py: _processor": "/proc",
     "studies/workers.py: cores": "/sys",

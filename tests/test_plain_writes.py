@@ -32,7 +32,7 @@ NEW_FILE = {"O_EXCL"}
 LOCKED = "a file of a locked folder, in which links are refused before the lock"
 OWN = "a temporary folder of the process"
 ALLOWED = {
-    ("taichi_plume/contests/plots.py", "mean_plume"): "a file of `written_whole`, opened",
+    ("taichi_plume/contests/page.py", "mean_plume"): "a file of `written_whole`, opened",
     ("taichi_plume/report/theme.py", "NotebookFigure.savefig"): "the file that the user names",
     ("taichi_plume/draw/runs.py", "Run.start"): OWN,
     ("taichi_plume/draw/downloads.py", "zipped"): OWN,

@@ -334,12 +334,12 @@ class Simulation:
         )
 
     def _repr_html_(self) -> str:
-        from taichi_plume.report.notebook import page
+        from taichi_plume.report.html import in_notebook
         from taichi_plume.report.theme import png
 
         if self._loop is None:
-            return page([("simulation", "closed")])
-        return page([(self.scenario.name, repr(self))], png(self.plot()))
+            return in_notebook([("simulation", "closed")])
+        return in_notebook([(self.scenario.name, repr(self))], picture=png(self.plot()))
 
     def __repr__(self) -> str:
         if self._loop is None:

@@ -24,8 +24,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _contest(args: argparse.Namespace) -> int:
     from taichi_plume.cli.study import print_end
     from taichi_plume.contests.execution import Choice, chosen, contest_of, play, settings_of
-    from taichi_plume.contests.page import show_table
-    from taichi_plume.contests.standings import conclude
+    from taichi_plume.contests.standings import conclude, show_table
     from taichi_plume.files.run_folder import RunFolderError
 
     choice = Choice(

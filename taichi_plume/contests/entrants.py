@@ -1,9 +1,9 @@
 """Entrants of a contest: every search algorithm of scenario/algorithms.py, and the user's algorithms.
 
 All entrants have the robot, sensors, starts and airs of the scenario, and their own defaults. An algorithm is given
-those facts of the plume (`Fixed.facts`) that it has keys for. One robot searches, or `TEAM` robots of an algorithm for
-teams. Algorithms that can declare the source take part twice: like all others, where a search succeeds when a robot
-reaches the source, and as NAME_declares, where the first declaration must be right.
+those facts of the plume that it has keys for. One robot searches, or `TEAM` robots of an algorithm for teams.
+Algorithms that can declare the source take part twice: like all others, where a search succeeds when a robot reaches
+the source, and as NAME_declares, where the first declaration must be right.
 """
 
 import difflib
@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
-from taichi_plume.contests.fixed_scenarios import NAMES, Fixed
 from taichi_plume.files.own_class import CLASSES, NO_CLASS, OwnAlgorithmError, OwnFile
 from taichi_plume.guard.safe_open import unopenable
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
@@ -42,10 +41,12 @@ class Entrant(NamedTuple):
     robots: int = 1
     found: str = "reached"
 
-    def changes(self, scenario: Fixed) -> dict[str, Any]:
-        """Return the changes to a scenario of the contest that let the entrant search, by path."""
+    def changes(self, facts: Mapping[str, float]) -> dict[str, Any]:
+        """Return the changes to a scenario of the contest that let the entrant search, by path; facts: of the plume."""
+        names = {key: FACT_OF_KEY.get(key, key) for key in kinds()[self.section["kind"]].model_fields}
+        accepted = {key: facts[name] for key, name in names.items() if name in facts}
         return {
-            "robots.0.algorithm": self.section | _facts(kinds()[self.section["kind"]], scenario.facts),
+            "robots.0.algorithm": self.section | accepted,
             "robots.0.count": self.robots,
             "robots.0.found": self.found,
             "stop_early": self.found == "reached",  # after wrong declarations the whole time counts
@@ -64,12 +65,6 @@ def shipped() -> tuple[Entrant, ...]:
     names = [kind for kind in kinds() if kind in fit and kind not in FILES]
     names.sort(key=lambda kind: kind == FLOOR)
     return tuple(Entrant(kind, {"kind": kind}, TEAM if kinds()[kind].talks else 1) for kind in names)
-
-
-def _facts(model: type[AnyAlgorithm], facts: Mapping[str, float]) -> dict[str, float]:
-    """Return those facts of the plume (such as mean wind speed) that an algorithm accepts, by its keys."""
-    names = {key: FACT_OF_KEY.get(key, key) for key in model.model_fields}
-    return {key: facts[name] for key, name in names.items() if name in facts}
 
 
 def own(path: Path) -> Entrant:
@@ -175,12 +170,6 @@ def _class_of(section: dict[str, Any]) -> GivenClass:
         raise ScenarioError([f"algorithms: {shown(section)}: {NO_CLASS}"]) from None
     except OwnAlgorithmError as error:
         raise ScenarioError([f"algorithms: {error}"]) from None
-
-
-def scenarios(names: Sequence[str] | None, unless: Sequence[str]) -> list[str]:
-    """Return the given scenarios, by default `unless`, in the contest's order. Raises ScenarioError."""
-    given = known("scenario", names, list(NAMES)) if names else list(unless)
-    return [name for name in NAMES if name in given]
 
 
 def known(what: str, names: Sequence[str], there: Sequence[str]) -> list[str]:

@@ -1,11 +1,14 @@
-"""Run a contest: execute a study for each scenario.
+"""Run a contest: a study for each fixed scenario, whose axis is the algorithm.
 
-The folder holds `scenarios/NAME.yaml` and `NAME.study.yaml`, the folder `NAME` of each study, `contest.csv`,
-`contest.parquet` and `contest.html`. Runs, airs, workers and resuming work as in studies.
+The scenarios are files of this package that `taichi_plume.run` can execute, too. The section `algorithm` of their
+robots holds the facts of the plume for all algorithms: `threshold_ppm`, and `wind_speed` for plume models. The folder
+holds `scenarios/NAME.yaml` and `NAME.study.yaml`, the folder `NAME` of each study, `contest.csv`, `contest.parquet` and
+`contest.html`. Runs, airs, workers and resuming work as in studies.
 """
 
 import shlex
 from collections.abc import Iterator, Sequence
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -14,14 +17,14 @@ from pydantic import Field
 
 from taichi_plume.assembly.own_code import has_permission, not_allowed
 from taichi_plume.contests import AIRS, QUICK_AIRS, QUICK_SEARCHES, SEARCHES
-from taichi_plume.contests.entrants import Entrant, entrants, scenarios
-from taichi_plume.contests.fixed_scenarios import NAMES, QUICK, Fixed, fixed
+from taichi_plume.contests.entrants import Entrant, entrants, known
 from taichi_plume.files import disk, own_folder
 from taichi_plume.files.own_class import CLASSES, OwnFile
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.safe_open import unopenable
 from taichi_plume.guard.terminal import notebook_display, say, visible
-from taichi_plume.scenario.loading import ScenarioError, load_part
+from taichi_plume.scenario.loading import ScenarioError, load_part, scenario_from
+from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.studies.plan import load_plan
 from taichi_plume.studies.study_run import Settings, execute
 
@@ -29,24 +32,59 @@ if TYPE_CHECKING:
     from taichi_plume.studies.plan import Plan
     from taichi_plume.studies.study_run import End
 
-KIND = "contest"  # contest.json marks a contest's folder
-SCENARIOS = "scenarios"
-AXIS = "algorithm"
-MOST = 4096  # airs, and searches
+KIND, SCENARIOS, AXIS = (
+    "contest",
+    "scenarios",
+    "algorithm",
+)  # mark of the folder, its folder of files, axis of studies
+FOLDER = Path(__file__).with_name(SCENARIOS)
+NAMES = ("open_2d", "open_3d", "meandering", "closed_room", "obstacles", "two_sources")
+"""Names of the scenarios in the order of execution and of the tables."""
+QUICK = ("open_2d",)
+"""Scenarios of `--quick`."""
 _NAMES = Annotated[list[str], Field(min_length=1)] | None
 _ALGORITHMS = Annotated[list[str | dict[str, Any]], Field(min_length=1)] | None
-_COUNT = Annotated[int, Field(ge=1, le=MOST, strict=True)] | None
 _SEED = Annotated[int, Field(ge=0, lt=1 << 32, strict=True)] | None
-KINDS = {
-    "algorithms": _ALGORITHMS,
-    "scenarios": _NAMES,
-    "files": list[Path],
-    "policies": list[Path],
-    "seed": _SEED,
-    "airs": _COUNT,
-    "searches": _COUNT,
-}
+_COUNT = Annotated[int, Field(ge=1, le=4096, strict=True)] | None
+_FILES = list[Path]
+KINDS = {"algorithms": _ALGORITHMS, "scenarios": _NAMES, "files": _FILES, "policies": _FILES, "seed": _SEED}
+KINDS |= {"airs": _COUNT, "searches": _COUNT}
 """Types of the options of a contest, by name."""
+
+
+class Fixed(NamedTuple):
+    """A scenario of the contest. about: paragraphs of the file's head comment; data: as parsed from YAML."""
+
+    name: str
+    about: tuple[str, ...]
+    data: dict[str, Any]
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario, validated without opening the files that it names."""
+        return scenario_from(self.data)
+
+    @property
+    def facts(self) -> dict[str, float]:
+        """Facts of the plume that algorithms are given, by key: those of the file's section `algorithm`."""
+        return {k: value for k, value in self.data["robots"][0]["algorithm"].items() if k != "kind"}
+
+
+def fixed(name: str, seed: int | None = None, searches: int | None = None) -> Fixed:
+    """Read the scenario `name`, one of NAMES, from its file. seed, searches (number in each air) replace its values.
+
+    The comment at the head of the file has two paragraphs: the setting and the question.
+    """
+    text = (FOLDER / f"{name}.yaml").read_text(encoding="utf-8")
+    data = yaml.safe_load(text)
+    if seed is not None:
+        data["seed"] = seed
+    if searches is not None:
+        data["robots"][0]["trials"] = searches
+    head = takewhile(lambda line: line.startswith("#"), text.splitlines())
+    lines = " ".join(line.removeprefix("#").strip() for line in head)
+    setting, _, question = lines.partition("The question: ")
+    return Fixed(name, (setting.strip(), f"The question: {question.strip()}"), data)
 
 
 class Choice(NamedTuple):
@@ -129,51 +167,58 @@ def settings_of(choice: Choice, workers: int | None, retry: bool, force: bool, p
 
 
 def contest_of(choice: Choice) -> Contest:
-    """Return the contest of the chosen scenarios and algorithms. Raises ScenarioError for values that do not fit."""
-    choice = choice._replace(
-        **{name: load_part(getattr(choice, name), name, kind) for name, kind in KINDS.items()}
-    )
+    """Return the contest of the chosen scenarios and algorithms. Raises ScenarioError for values that do not fit, and
+    for Python files that the user does not allow.
+    """
+    keys = {name: load_part(getattr(choice, name), name, kind) for name, kind in KINDS.items()}
+    choice = choice._replace(**keys)
     names = scenarios(choice.scenarios, QUICK if choice.quick else NAMES)
     entries = entrants(choice.algorithms, list(map(Path, choice.files)), list(map(Path, choice.policies)))
-    allowed = _allowed(choice)
-    searches = choice.searches or (QUICK_SEARCHES if choice.quick else SEARCHES)
-    airs = choice.airs or (QUICK_AIRS if choice.quick else AIRS)
-    fixed_scenarios = tuple(fixed(name, choice.seed, searches) for name in names)
-    return Contest(choice.out, fixed_scenarios, tuple(entries), airs, allowed)
-
-
-def _allowed(choice: Choice) -> tuple[str, ...]:
-    """Return the SHA-256 of the Python files with algorithms. Raises ScenarioError if the user does not allow them."""
-    files = {path: OwnFile.read(path, None) for path in map(Path, choice.files)}
-    refused = [
-        not_allowed(str(path))
-        for path, file in files.items()
-        if not choice.allow_code and not has_permission(str(path), file.digest)
-    ]
+    digests = {str(path): OwnFile.read(Path(path), None).digest for path in choice.files}
+    asked = {} if choice.allow_code else digests
+    refused = [not_allowed(path) for path, digest in asked.items() if not has_permission(path, digest)]
     if refused:
         raise ScenarioError(refused)
-    return tuple(file.digest for file in files.values())
+    searches = choice.searches or (QUICK_SEARCHES if choice.quick else SEARCHES)
+    airs = choice.airs or (QUICK_AIRS if choice.quick else AIRS)
+    chosen_scenarios = tuple(fixed(name, choice.seed, searches) for name in names)
+    return Contest(choice.out, chosen_scenarios, tuple(entries), airs, tuple(digests.values()))
+
+
+def scenarios(names: Sequence[str] | None, unless: Sequence[str]) -> list[str]:
+    """Return the given scenarios, by default `unless`, in the contest's order. Raises ScenarioError."""
+    given = known("scenario", names, list(NAMES)) if names else list(unless)
+    return [name for name in NAMES if name in given]
 
 
 def plans(contest: Contest) -> list["Plan"]:
-    """Write a study for each scenario of a contest; return plans. Raises ScenarioError, RunFolderError, OSError."""
-    _require_ours(contest.out)
-    folder = contest.out / SCENARIOS
-    contest.out.mkdir(parents=True, exist_ok=True)
-    own_folder.mark(contest.out, KIND)
+    """Write a study for each scenario of a contest; return plans. Raises ScenarioError, RunFolderError, OSError.
+
+    Raises RunFolderError if the folder holds links or files that do not belong to a contest.
+    """
+    out, folder = contest.out, contest.out / SCENARIOS
+    if out.exists():
+        fault = unopenable(out, folder=True)
+        refusal = f"{out}: {fault}; give a folder for the contest" if fault else own_folder.refusal(out, KIND)
+        if refusal:
+            raise RunFolderError(refusal)
+    out.mkdir(parents=True, exist_ok=True)
+    own_folder.mark(out, KIND)
     folder.mkdir(exist_ok=True)
     made = []
     for scenario in contest.scenarios:
         base, file = folder / f"{scenario.name}.yaml", folder / f"{scenario.name}.study.yaml"
-        head = "".join(f"# {line}\n" for line in scenario.about)
-        _write(base, head + yaml.safe_dump(scenario.data, sort_keys=False))
+        variants = {each.name: each.changes(scenario.facts) for each in contest.entrants}
         study = {
             "name": scenario.name,
             "base": base.name,
             "airs": contest.airs,
-            "axes": {AXIS: {"variants": {each.name: each.changes(scenario) for each in contest.entrants}}},
+            "axes": {AXIS: {"variants": variants}},
         }
-        _write(file, yaml.safe_dump(study, sort_keys=False))
+        head = "".join(f"# {line}\n" for line in scenario.about)
+        for path, text, data in ((base, head, scenario.data), (file, "", study)):
+            with disk.written_whole(path) as fresh:
+                fresh.write_text(text + yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
         made.append(load_plan(file, allow_outside=True))  # own algorithms lie where the user has them
     return made
 
@@ -191,23 +236,6 @@ def play(contest: Contest, settings: Settings) -> Iterator["End"]:
         yield end
         if end.status == "interrupted":
             return
-
-
-def _require_ours(out: Path) -> None:
-    """Raise RunFolderError if the folder holds links or files that do not belong to a contest."""
-    if not out.exists():
-        return
-    fault = unopenable(out, folder=True)
-    if fault:
-        raise RunFolderError(f"{out}: {fault}; give a folder for the contest")
-    refusal = own_folder.refusal(out, KIND)
-    if refusal:
-        raise RunFolderError(refusal)
-
-
-def _write(path: Path, text: str) -> None:
-    with disk.written_whole(path) as fresh:
-        fresh.write_text(text, encoding="utf-8")
 
 
 def chosen(names: str | None) -> Sequence[str] | None:

@@ -1,36 +1,37 @@
 """Standings of a contest: a row per algorithm and scenario, from the records in the studies' folders."""
 
-from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from taichi_plume.contests.execution import AXIS, Contest
+from taichi_plume.contests.execution import AXIS, KIND, Contest
 from taichi_plume.files import disk
 from taichi_plume.files.run_folder import RunFolderError
+from taichi_plume.guard.terminal import say, show, visible
 from taichi_plume.scoring.declarations import OUTCOMES
-from taichi_plume.studies.estimates import Quantity, estimated
+from taichi_plume.scoring.trials import LEAST_VALUES
+from taichi_plume.studies.estimates import SUCCESS, Quantity, estimated
+from taichi_plume.studies.estimates import TIME as LATE
 from taichi_plume.studies.intervals import Estimate
 from taichi_plume.studies.results import Results, open_study
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
     import pandas
 
-NAME = "contest"
-
-
-SUCCESS = Quantity("success", "success", "1", share=True)
-TIME = Quantity("time_s", "time", "s", what="successes")
-LATE = Quantity("time_with_failures_s", "time with failures", "s")
-WAY = Quantity("path_ratio", "way / shortest way", "1", what="successes")
+TIME = Quantity("time_s", "time (successes)", "s", what="successes")
+WAY = Quantity("path_ratio", "way / shortest way (successes)", "1", what="successes")
 ERROR = Quantity("localisation_error_m", "localisation error", "m", what="searches with a declaration")
 FALSE = Quantity("false_declarations", "false declarations per search", "1")
-DECLARED, REACHED, NEITHER = (Quantity(name, name, "1", share=True) for name in OUTCOMES)
-MEASURES = (SUCCESS, TIME, LATE, WAY, ERROR, FALSE, DECLARED, REACHED, NEITHER)
-SEARCHES = Quantity("searches", "searches", "1")
+DECLARING = (ERROR, FALSE, *(Quantity(name, name, "1", share=True) for name in OUTCOMES))
+"""Quantities of algorithms that declare a position of the source."""
+MEASURES = (SUCCESS, TIME, LATE, WAY, *DECLARING)
+BRIEF = {TIME: "time [s]", LATE: "with fails [s]", WAY: "way", ERROR: "error [m]", FALSE: "false"}
+"""Titles in a terminal, which shows these quantities and the success."""
+NO_INTERVALS = f"No intervals where fewer than {LEAST_VALUES} airs have a value; --airs N gives more airs."
 
 
 class Row(NamedTuple):
@@ -50,54 +51,34 @@ class Row(NamedTuple):
 
     def columns(self) -> dict[str, object]:
         """Return the values of the row by the columns of contest.csv."""
-        columns: dict[str, object] = {
-            name: value for name, value in self._asdict().items() if name != "estimates"
-        }
-        for measure in MEASURES:
-            each = self.estimates[measure.name]
-            ends = (each.mean, each.low, each.high) if each else (np.nan,) * 3
-            for end, value in zip(("", "_low", "_high"), ends, strict=True):
-                columns[measure.name + end] = float(value)
+        columns = self._asdict()
+        for name, each in columns.pop("estimates").items():
+            ends = each[:3] if each else (np.nan,) * 3
+            columns |= dict(zip((name, f"{name}_low", f"{name}_high"), map(float, ends), strict=True))
         first = self.estimates[SUCCESS.name]
-        columns["airs"] = first.airs if first else 0
-        columns["success_words"] = SUCCESS.words(first)
-        return columns
+        return columns | {"airs": first.airs if first else 0, "success_words": SUCCESS.words(first)}
 
 
-def rows(contest: Contest) -> list[Row]:
-    """Return the rows of all scenarios that have been started, in the contest's order. Raises RunFolderError."""
-    started = [fixed.name for fixed in contest.scenarios if (contest.study(fixed) / "plan.parquet").is_file()]
-    return [row for name in started for row in _of_study(contest, name)]
-
-
-def _of_study(contest: Contest, name: str) -> Iterator[Row]:
+def _rows(contest: Contest, name: str) -> "Iterator[Row]":
+    """Yield the row of each algorithm in a scenario that has been started. Raises RunFolderError."""
     study = open_study(contest.out / name)
     runs: Any = study.runs()
-    found = _estimates(study)
+    trials: Any = study.trials()
+    chance = trials["run"].map(dict(zip(runs["run"], runs["air_by_chance"], strict=True)))
+    trials = trials.assign(path_ratio=trials["path_m"] / trials["shortest_m"], air_by_chance=chance)
+    for outcome in OUTCOMES:
+        of_all = (trials["outcome"] == outcome).astype("Float64")
+        trials[outcome] = of_all.where(trials["outcome"].notna())
+    found = {each.name: estimated(trials, each, [AXIS], study.plan.longest_s) for each in MEASURES}
+    searches = trials[AXIS].value_counts()
     for entrant in contest.entrants:
         mine = runs[runs[AXIS] == entrant.name]
-        searched = found[SEARCHES.name].get(entrant.name)
         failed = mine[mine["status"] == "failed"]
         yield Row(
             name, entrant.name, entrant.robots, len(mine), len(failed), int((mine["status"] == "missing").sum()),
-            str(failed["message"].iloc[0]) if len(failed) else "", searched.n if searched else 0,
+            str(failed["message"].iloc[0]) if len(failed) else "", int(searches.get(entrant.name, 0)),
             {measure.name: found[measure.name].get(entrant.name) for measure in MEASURES},
         )  # fmt: skip
-
-
-def _estimates(study: Results) -> dict[str, dict[Hashable, Estimate]]:
-    """Return an estimate with interval of each measure and of the number of searches, by measure and algorithm."""
-    trials: Any = study.trials()
-    runs: Any = study.runs()
-    chance = trials["run"].map(dict(zip(runs["run"], runs["air_by_chance"], strict=True)))
-    ratio = trials["path_m"] / trials["shortest_m"]
-    trials = trials.assign(searches=1.0, path_ratio=ratio, air_by_chance=chance)
-    for name in OUTCOMES:
-        trials[name] = (trials["outcome"] == name).astype("Float64").where(trials["outcome"].notna())
-    return {
-        measure.name: estimated(trials, measure, [AXIS], study.plan.longest_s)
-        for measure in (*MEASURES, SEARCHES)
-    }
 
 
 @dataclass(frozen=True)
@@ -114,35 +95,26 @@ class Standings:
         import pandas as pd
 
         frame = pd.DataFrame([row.columns() for row in self.rows])
-        units = {measure.name: measure.unit for measure in MEASURES}
-        ends = {f"{name}_{end}": unit for name, unit in units.items() for end in ("low", "high")}
-        frame.attrs["units"] = units | ends
+        ends = ("", "_low", "_high")
+        frame.attrs["units"] = {measure.name + end: measure.unit for measure in MEASURES for end in ends}
         return frame
 
     def study(self, scenario: str) -> Results:
         """Return the runs and trials of one scenario. Raises RunFolderError if it has not been started."""
         return open_study(self.contest.out / scenario)
 
-    @property
-    def _brief(self) -> "pandas.DataFrame":
-        import pandas as pd
-
-        from taichi_plume.contests.page import brief
-
-        cells, heads = brief(self.rows)
-        return pd.DataFrame(cells, columns=pd.Index(heads))
-
-    @property
-    def _notes(self) -> list[str]:
-        from taichi_plume.contests.page import notes
-
-        return notes(self.rows)
-
     def _repr_html_(self) -> str:
-        return self._brief.to_html(index=False) + "".join(f"<p>{escape(note)}</p>" for note in self._notes)
+        from taichi_plume.report.html import in_notebook
+
+        heads, *cells = brief(self.rows)
+        return in_notebook(cells, heads, notes=notes(self.rows))
 
     def __repr__(self) -> str:
-        return "\n".join([self._brief.to_string(index=False), *self._notes])
+        import pandas as pd
+
+        heads, *cells = brief(self.rows)
+        frame = pd.DataFrame(cells, columns=pd.Index(heads))
+        return "\n".join([frame.to_string(index=False), *notes(self.rows)])
 
 
 def conclude(contest: Contest, again: str) -> Standings:
@@ -152,15 +124,51 @@ def conclude(contest: Contest, again: str) -> Standings:
     """
     from taichi_plume.contests import page
 
-    started = rows(contest)
-    if not started:
+    names = [each.name for each in contest.scenarios if (contest.study(each) / "plan.parquet").is_file()]
+    if not names:
         raise RunFolderError("nothing has been run yet")
-    standings = Standings(contest, started, contest.out / f"{NAME}.html")
+    rows = [row for name in names for row in _rows(contest, name)]
+    standings = Standings(contest, rows, contest.out / f"{KIND}.html")
     table = standings.table
     table.attrs.clear()
-    with disk.written_whole(contest.out / f"{NAME}.csv") as fresh:
+    with disk.written_whole(contest.out / f"{KIND}.csv") as fresh:
         table.to_csv(fresh, index=False, lineterminator="\n", float_format="%.6g")
-    with disk.written_whole(contest.out / f"{NAME}.parquet") as fresh:
+    with disk.written_whole(contest.out / f"{KIND}.parquet") as fresh:
         table.to_parquet(fresh, index=False)
-    page.write(contest, started, again)
+    page.write(standings, again)
     return standings
+
+
+def notes(rows: "Sequence[Row]") -> list[str]:
+    """Return the sentence that states why success rates have no interval, if any has none for lack of airs."""
+    estimates = (row.estimates[SUCCESS.name] for row in rows)
+    return [NO_INTERVALS] if any(e and e.over == "too few airs" for e in estimates) else []
+
+
+def brief(rows: "Sequence[Row]") -> list[list[str]]:
+    """Return heads and cells of the standings: success with its interval, the other quantities as means."""
+    shown = [q for q in BRIEF if any(row.estimates[q.name] for row in rows)]
+    made = [["scenario", "algorithm", SUCCESS.heading, *(BRIEF[q] for q in shown)]]
+    for row in rows:
+        means = [q.mean(row.estimates[q.name]) for q in shown]
+        success = SUCCESS.cell(row.estimates[SUCCESS.name])
+        made.append([row.scenario, visible(row.algorithm), success, *means])
+    return made
+
+
+def show_table(rows: "Sequence[Row]") -> None:
+    """Print the contest's standings in the terminal, see `brief`."""
+    from rich.table import Table
+
+    heads, *cells = brief(rows)
+    table = Table(box=None, padding=(0, 1, 0, 0))
+    for n, head in enumerate(("", *heads[2:])):
+        table.add_column(head, no_wrap=n < 2, min_width=5)
+    before = ""
+    for scenario, algorithm, *others in cells:
+        if scenario != before:
+            table.add_row(scenario, style="bold")
+        before = scenario
+        table.add_row(f" {algorithm}", *others)
+    show(table)
+    say(*notes(rows))

@@ -1,5 +1,6 @@
 """Report page of plume statistics (`statistics.html`): sentences, tables and figures on one self-contained page."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from taichi_plume.fluctuations.analysis import Kind, OfProbe, Profile
 from taichi_plume.fluctuations.durations import CELANI, DECADE, FEWEST
 from taichi_plume.fluctuations.records import AXES
 from taichi_plume.fluctuations.result import PAGE, Statistics
-from taichi_plume.report import html, notebook
+from taichi_plume.report import html
 from taichi_plume.report.html import Section
 
 MOST_PROBES = 6
@@ -34,7 +35,7 @@ def of_notebook(found: Statistics) -> str:
     images = (
         _maps(found).images or _spread(first).images or _whiffs(found, first).images or _time(first).images
     )
-    return notebook.page(found.rows, images[0].png if images else b"")
+    return html.in_notebook(found.rows, picture=images[0].png if images else b"")
 
 
 def _number(value: Any) -> str:
@@ -51,15 +52,13 @@ def _sections(found: Statistics) -> list[Section]:
 
 def _words(found: Statistics) -> Section:
     """Return sentences on the data and the main results."""
-    points = sum(len(stats.probe.places) for stats in found.probes)
-    kinds = [
-        f"{stats.probe.kind} of {len(stats.probe.places):,}" if len(stats.probe.places) > 1 else "point"
-        for stats in found.probes
-    ]
+    probes = [stats.probe for stats in found.probes]
+    points = sum(len(probe.places) for probe in probes)
     where = ", ".join(
-        f"{s.probe.name} ({kind})" for s, kind in zip(found.probes[:MOST_PROBES], kinds, strict=False)
+        f"{p.name} ({f'{p.kind} of {len(p.places):,}' if len(p.places) > 1 else 'point'})"
+        for p in probes[:MOST_PROBES]
     )
-    more = len(found.probes) - MOST_PROBES
+    more = len(probes) - MOST_PROBES
     where += f" and {more} more" if more > 0 else ""
     low, high = found.steps
     every = f"every {low:.3g} s" if high - low < 1e-3 * high else f"every {low:.3g} to {high:.3g} s"
@@ -97,25 +96,23 @@ def _strength(found: Statistics) -> Section:
     section = Section("Strength and fluctuation of the gas", "strength")
     rows, left_out = [], 0
     room = max(1, MOST_ROWS // max(1, len(found.probes)))
+    names = "conditional_mean", "peak99", "peak", "integral_time"
     for stats in found.probes:
-        reached = np.flatnonzero(stats.points["intermittency"] > 0.0)
-        if not len(reached):
-            reached = np.array([int(np.argmax(stats.points["mean"]))])
-        chosen = reached[
-            np.unique(np.linspace(0, len(reached) - 1, min(len(reached), room)).round().astype(int))
-        ]
+        p = stats.points
+        reached = np.flatnonzero(p["intermittency"] > 0.0)
+        chosen = _spaced(reached if len(reached) else [np.argmax(p["mean"])], room)
         left_out += len(stats.probe.places) - len(chosen)
         for k in chosen if len(rows) < 2 * MOST_ROWS else []:
-            p = stats.points
             place = ",\u00a0".join(f"{v:.3g}" for v in stats.probe.places[k])
             error = f"\u00a0±\u00a0{p['mean_error'][k]:.1g}" if np.isfinite(p["mean_error"][k]) else ""
+            strength = (
+                f"{p['mean'][k]:.3g}{error}",
+                _number(p["intensity"][k]),
+                f"{p['intermittency'][k]:.3f}",
+            )
             rows.append(
-                (
-                    f"{stats.probe.name}: {k}", place, f"{p['mean'][k]:.3g}{error}", _number(p["intensity"][k]),
-                    f"{p['intermittency'][k]:.3f}", _number(p["conditional_mean"][k]), _number(p["peak99"][k]),
-                    _number(p["peak"][k]), _number(p["integral_time"][k]),
-                )
-            )  # fmt: skip
+                (f"{stats.probe.name}: {k}", place, *strength, *(_number(p[name][k]) for name in names))
+            )
     heads = (
         "point", "at [m]", "mean [ppm]", "rms / mean", "intermittency", "mean in gas [ppm]", "99 % / mean",
         "largest / mean", "integral time [s]",
@@ -123,15 +120,21 @@ def _strength(found: Statistics) -> Section:
     more = f" {left_out:,} more points are in statistics.parquet." if left_out else ""
     section.table(rows, heads, captions.STRENGTH + more)
     winds = []
-    for stats in found.probes:
-        if "speed" in stats.points and np.isfinite(stats.points["turbulence_intensity"]).any():
-            means = [f"{stats.points[f'mean_{u}'].mean():.3g}" for u in "uvw" if f"mean_{u}" in stats.points]
-            intensity = _number(np.nanmean(stats.points["turbulence_intensity"]))
-            winds.append((stats.probe.name, *means, intensity))
+    for name, p in ((stats.probe.name, stats.points) for stats in found.probes):
+        if "speed" in p and np.isfinite(p["turbulence_intensity"]).any():
+            means = [f"{p[f'mean_{u}'].mean():.3g}" for u in "uvw" if f"mean_{u}" in p]
+            winds.append((name, *means, _number(np.nanmean(p["turbulence_intensity"]))))
     axes = AXES[: len(winds[0]) - 2] if winds else ""
     heads = ("probe", *(f"wind along {a} [m/s]" for a in axes), "turbulence intensity")
     section.table(winds[:MOST_ROWS], heads, captions.WIND)
     return section
+
+
+def _spaced(items: Sequence[Any] | np.ndarray, most: int) -> list[Any]:
+    """Return the items or, if they are more than `most`, items at equal distances, with the first and the last."""
+    count = len(items)
+    chosen = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+    return [items[k] for k in chosen]
 
 
 def _maps(found: Statistics) -> Section:
@@ -141,34 +144,32 @@ def _maps(found: Statistics) -> Section:
     if data is not None:
         height = data.attrs.get("height_m")
         at = f" at z = {height:.3g} m" if height is not None else ""
-        values = {
-            "mean [ppm]": data["mean"].values,
-            "rms / mean": _where_gas(data["intensity"].values, data["mean"].values),
-            "intermittency": data["intermittency"].values,
-        }
-        section.image(plots.maps(data.x.values, data.y.values, values), f"From the film{at}", captions.MAPS)
+        of_film = {name: data[name].values for name in ("mean", "intensity", "intermittency")}
+        png = plots.maps(data.x.values, data.y.values, _titled(of_film))
+        section.image(png, f"From the film{at}", captions.MAPS)
     for stats in found.probes[:MOST_PROBES]:
         if stats.probe.kind != "grid":
             continue
-        axes = [d for d, n in enumerate(stats.probe.counts) if n > 1][:2]
-        lattice = stats.probe.places.reshape(*stats.probe.counts, -1)
-        mean = stats.points["mean"].reshape(stats.probe.counts)
-        top = np.unravel_index(int(np.argmax(mean)), mean.shape)
-        cut = tuple(slice(None) if d in axes else int(top[d]) for d in range(len(stats.probe.counts)))
+        counts = stats.probe.counts
+        axes = [d for d, n in enumerate(counts) if n > 1][:2]
+        lattice = stats.probe.places.reshape(*counts, -1)
+        top = np.unravel_index(int(np.argmax(stats.points["mean"])), counts)
+        cut = tuple(slice(None) if d in axes else int(top[d]) for d in range(len(counts)))
         x, y = (
             lattice[cut][(slice(None), 0) if n == 0 else (0, slice(None))][:, d] for n, d in enumerate(axes)
         )
-        names = {"mean [ppm]": "mean", "rms / mean": "intensity", "intermittency": "intermittency"}
-        values = {title: stats.points[key].reshape(stats.probe.counts)[cut] for title, key in names.items()}
-        values["rms / mean"] = _where_gas(values["rms / mean"], mean[cut])
+        names = "mean", "intensity", "intermittency"
+        values = _titled({name: stats.points[name].reshape(counts)[cut] for name in names})
         png = plots.maps(x, y, values, "".join(AXES[d] for d in axes))
         section.image(png, f"Grid {stats.probe.name}", captions.MAPS)
     return section
 
 
-def _where_gas(values: np.ndarray, mean: np.ndarray) -> np.ndarray:
-    """Return the values, with NaN where the mean is less than HARDLY of the largest mean."""
-    return np.where(np.nan_to_num(mean) > HARDLY * np.nanmax(mean), values, np.nan)
+def _titled(of: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return maps by title; rms / mean is NaN where the mean is less than HARDLY of the largest mean."""
+    mean = of["mean"]
+    intensity = np.where(np.nan_to_num(mean) > HARDLY * np.nanmax(mean), of["intensity"], np.nan)
+    return {"mean [ppm]": mean, "rms / mean": intensity, "intermittency": of["intermittency"]}
 
 
 def _spread(shown: list[OfProbe]) -> Section:
@@ -189,11 +190,9 @@ def _spread(shown: list[OfProbe]) -> Section:
 
 
 def _gaussian(several: list[Profile]) -> str:
-    if all(profile.gaussian is None for profile in several):
-        return ""
-    if len(several) > 1 or several[0].gaussian is None:
-        return captions.NEAREST
-    fit = several[0].gaussian
+    fit, *others = [profile.gaussian for profile in several]
+    if fit is None or others:
+        return captions.NEAREST if any((fit, *others)) else ""
     words = f"Centre {fit.centre:.3g} m, width {fit.width:.3g} m ({fit.share:.0%} of the variance explained)."
     return f"{captions.NEAREST} {words}"
 
@@ -208,16 +207,14 @@ def _whiffs(found: Statistics, shown: list[OfProbe]) -> Section:
             every = kind.all
             if not len(every.lasted):
                 continue
-            middle, mean, largest = np.median(every.lasted), every.lasted.mean(), every.lasted.max()
+            lasted = [f"{reduce(every.lasted):.3g}" for reduce in (np.median, np.mean, np.max)]
             law = kind.law
             exponent, within = f"- (fewer than {FEWEST} in a range)", "-"
             if law:
                 exponent = f"{law.value:.2f} ({law.low:.2f} to {law.high:.2f})"
                 within = f"{law.first:.3g} to {law.last:.3g} s, {law.count:,}"
-            rows.append(
-                (f"{stats.probe.name}: {kind.name}", f"{len(every.lasted):,}", str(every.cut), f"{middle:.3g}",
-                 f"{mean:.3g}", f"{largest:.3g}", exponent, within)
-            )  # fmt: skip
+            number = f"{len(every.lasted):,}", str(every.cut)
+            rows.append((f"{stats.probe.name}: {kind.name}", *number, *lasted, exponent, within))
         if all(len(kind.all.lasted) > 1 for kind in stats.kinds):
             section.image(plots.laws(stats, step), f"{stats.probe.name}: durations", captions.LAWS)
     heads = (
@@ -263,9 +260,8 @@ def _bouts(found: Statistics) -> Section:
         for stats in found.probes
         for k in np.flatnonzero(np.isfinite(stats.points["bouts_per_min"]))
     ]
-    shown = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), MOST_ROWS)).round().astype(int))
     heads = ("point", "bouts per minute", "mean amplitude [1/s]", "std of ln(R_air/R)")
-    section.table([rows[k] for k in shown], heads, "")
+    section.table(_spaced(rows, MOST_ROWS), heads)
     return section
 
 

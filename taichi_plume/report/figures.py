@@ -19,8 +19,7 @@ from taichi_plume.results.tracks import ABOVE, Track
 if TYPE_CHECKING:
     from xarray import DataArray
 
-WIDE = 7.2  # inches
-DPI = 100
+WIDE, DPI = theme.WIDE, theme.DPI
 MOST_SERIES = 4  # largest number of robots whose readings are shown
 MOST_LANES = 12  # robots whose behaviour is shown
 MOST_DECISIONS = 12  # decision quantities that are shown
@@ -248,23 +247,17 @@ def thinned(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def success(groups: Sequence[dict[str, Any]], end: float) -> bytes:
     """Draw the fraction of each group's trials in which a source had been found by a time."""
-    with theme.styled():
-        figure = theme.figure(WIDE, 2.6, DPI)
-        axes = figure.add_axes((0.1, 0.2, 0.87, 0.72))
-        theme.plain(axes)
+    with theme.panels(tall=2.6, math=False) as plot:
+        (axes,) = plot
         for n, group in enumerate(groups):
             times = np.sort([t for t in group["per_trial"]["time_s"] if t is not None])
             share = np.arange(len(times) + 1) / group["trials"]
-            axes.step(
-                [0, *times, end], [*share, share[-1]], where="post", color=theme.robot(n),
-                label=f"{theme.short(group['name'])} ({group['trials']} trials)",
-            )  # fmt: skip
-        axes.set_xlim(0, end)
-        axes.set_ylim(0, 1.02)
-        axes.set_xlabel("time since the robots started [s]")
+            label = f"{theme.short(group['name'])} ({group['trials']} trials)"
+            axes.step([0, *times, end], [*share, share[-1]], where="post", color=theme.robot(n), label=label)
+        axes.set(xlim=(0, end), ylim=(0, 1.02), xlabel="time since the robots started [s]")
         axes.set_ylabel("fraction of trials")
-        theme.verbatim(axes.legend(loc="upper left").get_texts())
-        return theme.png(figure)
+        axes.legend(loc="upper left")
+    return plot.png
 
 
 # ---------------------------------------------------------------- maps
@@ -277,17 +270,12 @@ def scores(maps: Sequence[dict[str, Any]], names: Sequence[str]) -> bytes | None
     if not scored:
         return None
     titles = {"error_ppm": captions.ERROR, "correlation": captions.CORRELATION}
-    with theme.styled():
-        figure = theme.figure(WIDE, 2.4, DPI)
-        for k, (key, label) in enumerate(titles.items()):
-            axes = figure.add_axes((0.08 + 0.49 * k, 0.2, 0.42, 0.68))
-            theme.plain(axes)
+    with theme.panels(2, 2, 2.4, math=False) as plot:
+        for axes, (key, label) in zip(plot, titles.items(), strict=True):
             for n, (name, series) in enumerate(scored):
                 t, values = thinned(np.array(series["time_s"]), np.array(series[key], float))
                 marker = "o" if len(series["time_s"]) == 1 else ""
                 axes.plot(t, values, color=theme.robot(n), label=name, marker=marker, markersize=4)
-            axes.set_xlabel("time [s]")
-            axes.set_title(label, fontsize=9)
-            if k == 0:
-                theme.verbatim(axes.legend(loc="best").get_texts())
-        return theme.png(figure)
+            axes.set(xlabel="time [s]", title=label)
+        plot[0].legend(loc="best")
+    return plot.png

@@ -1,13 +1,15 @@
 """Self-contained HTML pages: sections of lines, images and tables, inserted into the template `page.html`.
 
-Reports of runs and studies, statistics and standings of contests are such pages. The template escapes every text, so
-sections hold names and messages as they are.
+Reports of runs, studies and validations, statistics and standings of contests are such pages. The template escapes
+every text, so sections hold names and messages as they are.
 """
 
 import base64
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from taichi_plume import __version__
 from taichi_plume.files.disk import written_whole
@@ -17,11 +19,23 @@ TEMPLATE = Path(__file__).with_name("page.html")
 NO_BREAK = "\u00a0"
 LONGEST = 4000  # characters of a text; longer texts are cut in the middle, except commands
 Rows = Sequence[Sequence[object]]
+GOOD, BAD = "#1b8a3a", "#c2410c"
+"""Colours of boxes with good and with bad news."""
+CELL = '"text-align:left; vertical-align:top; padding:0.1em 1em 0.1em 0"'
 
 
 def data_url(content: bytes, kind: str) -> str:
     """Return a file as a data URL (base64), which a page embeds. kind: MIME type, such as "image/png"."""
     return f"data:{kind};base64," + base64.b64encode(content).decode("ascii")
+
+
+class Mark(NamedTuple):
+    """Text in a coloured box, as a line or a cell of a page, with more text beside. to: key of a section to link to."""
+
+    text: str
+    color: str = ""
+    beside: str = ""
+    to: str = ""
 
 
 @dataclass
@@ -49,11 +63,11 @@ class Table:
 
 @dataclass
 class Section:
-    """Section of an HTML page: lines of text, then images, then tables. key: anchor; code: the lines are commands."""
+    """Section of an HTML page: lines (texts or `Mark`), then images, then tables. key: anchor; code: of commands."""
 
     title: str
     key: str
-    lines: list[str] = field(default_factory=list)
+    lines: list[Any] = field(default_factory=list)
     images: list[Image] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
     code: bool = False
@@ -73,19 +87,19 @@ class Section:
         return not (self.lines or self.images or self.tables)
 
 
-def write(
-    path: Path,
-    sections: Iterable[Section],
-    *,
-    name: str,
-    status: str,
-    good: bool,
-    message: str = "",
-    began: Sequence[str] = (),
-    what: str = "report of a run",
-    about: str = "Report of a run of taichi_plume",
-) -> Path:
-    """Write an HTML page of the sections that are not empty to `path`; return the path. Raises OSError.
+def write(path: Path, sections: Iterable[Section], **about: Any) -> Path:
+    """Write the HTML page of the sections to `path`, see `page`; return the path. Raises OSError."""
+    text = page(sections, **about)
+    with written_whole(path) as fresh:
+        fresh.write_text(text, encoding="utf-8", errors="backslashreplace")
+    return path
+
+
+def page(
+    sections: Iterable[Section], *, name: str, status: str, good: bool, message: str = "",
+    began: Sequence[str] = (), what: str = "report of a run", about: str = "Report of a run of taichi_plume",
+) -> str:  # fmt: skip
+    """Return the HTML page of the sections that are not empty.
 
     name: heading; status: word in a box, green if `good`, else red; message: line beside the box. about: line below
     the box, followed by the lines of `began`. what: text after the name in the window's title.
@@ -95,13 +109,26 @@ def write(
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.filters["shown"] = shown
     template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
-    html = template.render(
-        sections=[section for section in sections if not section.empty], version=__version__, name=name, status=status,
-        good=good, message=message, began=began, what=what, about=about,
+    status_mark = Mark(status, GOOD if good else BAD, message)
+    return template.render(
+        sections=[section for section in sections if not section.empty], version=__version__, name=name,
+        status=status_mark, began=began, what=what, about=about,
     )  # fmt: skip
-    with written_whole(path) as fresh:
-        fresh.write_text(html, encoding="utf-8", errors="backslashreplace")
-    return path
+
+
+def in_notebook(
+    rows: Rows, heads: Sequence[str] = (), picture: bytes = b"", notes: Sequence[str] = ()
+) -> str:
+    """Return HTML that a notebook shows: a table whose first column is bold, a PNG unless it is empty, and notes."""
+    head = "".join(f"<th style={CELL}>{escape(visible(head))}</th>" for head in heads)
+    made = f"<tr>{head}</tr>" if heads else ""
+    for name, *texts in rows:
+        cells = "".join(f"<td style={CELL}>{escape(visible(text))}</td>" for text in texts)
+        made += (
+            f"<tr><td style={CELL}><b style=white-space:nowrap>{escape(visible(name))}</b></td>{cells}</tr>"
+        )
+    image = f'<img style="max-width:100%" src="{data_url(picture, "image/png")}">' if picture else ""
+    return f"<table>{made}</table>{image}" + "".join(f"<p>{escape(visible(note))}</p>" for note in notes)
 
 
 def shown(text: object, longest: int | None = LONGEST) -> str:

@@ -1,12 +1,10 @@
 """HTML that a notebook shows for a run, a scenario or a simulation: a table in words and a picture."""
 
-from collections.abc import Sequence
 from html import escape
 
 from taichi_plume.execution.summary import summary
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.guard.terminal import visible
-from taichi_plume.report.html import data_url
+from taichi_plume.report.html import in_notebook
 from taichi_plume.report.page import COMPLETE
 from taichi_plume.report.pictures import Shown, still
 from taichi_plume.report.theme import png
@@ -14,7 +12,6 @@ from taichi_plume.results.run import Run
 from taichi_plume.scenario.scenario import Scenario
 
 WIDTH = 900  # pixels of a picture
-CELL = "text-align:left; vertical-align:top; padding:0.1em 1em 0.1em 0"
 
 
 def of_run(run: Run) -> str:
@@ -26,7 +23,7 @@ def of_run(run: Run) -> str:
         picture = png(still(run, shown=Shown(width=WIDTH))[0])
     except InputError:  # neither recording nor fields
         picture = b""
-    return page(summary(result), picture) + f"<pre>{escape(repr(run))}</pre>"
+    return in_notebook(summary(result), picture=picture) + f"<pre>{escape(repr(run))}</pre>"
 
 
 def of_scenario(scenario: Scenario) -> str:
@@ -34,15 +31,4 @@ def of_scenario(scenario: Scenario) -> str:
     check = scenario.check()
     rows: list[tuple[str, object]] = [(scenario.name, "scenario"), *check.derived.items()]
     rows += [("error", line) for line in check.errors] + [("unlikely", line) for line in check.warnings]
-    return page(rows, png(scenario.plot()) if check else b"")
-
-
-def page(rows: Sequence[tuple[str, object]], picture: bytes = b"") -> str:
-    """Return HTML of (name, text) rows and, unless it is empty, a PNG below."""
-    cells = "".join(
-        f'<tr><td style="{CELL}; white-space:nowrap"><b>{escape(visible(name))}</b></td>'
-        f'<td style="{CELL}">{escape(visible(text))}</td></tr>'
-        for name, text in rows
-    )
-    shown = f'<img style="max-width:100%" src="{data_url(picture, "image/png")}">' if picture else ""
-    return f"<table>{cells}</table>{shown}"
+    return in_notebook(rows, picture=png(scenario.plot()) if check else b"")

@@ -41,6 +41,7 @@ SOLID_EDGE, START, TRUE_GAS = "#5d6875", "#5d6875", "#c3cad2"
 ERROR, UNLIKELY = "#d32f2f", "#b26a00"
 """Text of errors and of warnings on a page."""
 WIND, BREEZE = "#27445f", "#2778b5"
+WIDE, DPI = 7.2, 100  # inches and dots per inch: plots of pages
 LEAST_INCHES, MOST_INCHES = 0.5, 200.0  # width and height of the smallest axes, of the largest figure
 LONGEST_NAME = 24  # letters, in a figure
 LETTERS = {"font.size": 9.0, "axes.titlesize": 10.0, "axes.labelsize": 9.0, "legend.fontsize": 8.0}
@@ -138,6 +139,36 @@ def figure_around(ax: Axes) -> Figure:
     figure = ax.get_figure(root=True)
     assert isinstance(figure, Figure)
     return figure
+
+
+class Panels(list[Axes]):
+    """Panels of a plot: their axes, the figure and, after the block of `panels`, the picture as PNG bytes."""
+
+    figure: Figure
+    png: bytes
+
+
+@contextmanager
+def panels(
+    count: int = 1, columns: int = 1, tall: float = 2.9, *, math: bool = True, below: float = 0.0, **keys: Any
+) -> Iterator[Panels]:
+    """Context that draws a plot of a page: `count` panels in columns, with frames at the left and below.
+
+    tall: height of the panels; below: height of a strip that stays free [inches]. math: read `$` as mathematics; names
+    from files need False. keys: of matplotlib's subplots.
+    """
+    with styled({"text.parse_math": math, "axes.titlesize": 9.0}):
+        made = Panels()
+        made.figure = figure(WIDE, tall + below, DPI)
+        axes = made.figure.subplots(-(-count // columns), columns, squeeze=False, **keys).ravel()
+        made += axes[:count]
+        for panel in made:
+            plain(panel)
+        for panel in axes[count:]:
+            panel.set_axis_off()
+        yield made
+        made.figure.tight_layout(pad=0.6, rect=(0, below / (tall + below), 1, 1))
+        made.png = png(made.figure)
 
 
 def png(figure: Figure) -> bytes:

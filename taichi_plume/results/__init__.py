@@ -7,6 +7,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "grid",
     "guard",
     "record",
+    "report.html",
     "report.notebook",  # these parts of `report` only when a run or a map is drawn
     "report.pictures",
     "report.recorded_map",

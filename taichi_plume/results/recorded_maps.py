@@ -163,11 +163,11 @@ class GasMap:
             fresh.write_text(text, encoding="utf-8")
 
     def _repr_html_(self) -> str:
-        from taichi_plume.report.notebook import page
+        from taichi_plume.report.html import in_notebook
         from taichi_plume.report.theme import png
 
         labels = (f"{self.model.kind} map", "readings", *["note"] * len(self.lines))
-        return page(list(zip(labels, self.lines, strict=False)), png(self.plot()))
+        return in_notebook(list(zip(labels, self.lines, strict=False)), picture=png(self.plot()))
 
     def __repr__(self) -> str:
         return "\n".join(self.lines)

@@ -32,6 +32,12 @@ class Quantity(NamedTuple):
     what: str = "searches"
     limits: tuple[float, float] = (0.0, inf)
 
+    @property
+    def heading(self) -> str:
+        """Title with the unit in brackets, for tables and figures."""
+        unit = "%" if self.share else "" if self.unit == "1" else self.unit
+        return self.title + (f" [{unit}]" if unit else "")
+
     def words(self, estimate: intervals.Estimate | None) -> str:
         """Return the sentence of an estimate."""
         return intervals.words(estimate, self.unit, self.share, self.what)
@@ -192,8 +198,7 @@ class Points:
         """Return a row per point and group, with each quantity and its interval as text, to be shown."""
         shown = self.table.drop(columns="point")
         for q in self.quantities:
-            unit = f" [{q.unit}]" if q.unit not in ("", "1") else ""
-            shown[q.title + unit] = list(map(q.cell, self.estimates[q.name]))
+            shown[q.heading] = list(map(q.cell, self.estimates[q.name]))
         return shown
 
     def differences(self, axis: str, quantity: Quantity = SUCCESS) -> Iterator[Row]:

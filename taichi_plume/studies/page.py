@@ -1,8 +1,7 @@
 """HTML report page of a parameter study (`report.html`): axes, results and figures on one self-contained page."""
 
 import shlex
-from collections.abc import Iterator
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -60,13 +59,28 @@ class Page:
 
     def sections(self) -> list[Section]:
         """Return all sections of the report page in their order; a section without content is empty."""
+        folder, trials, study = self.folder, f"{self.folder}/trials", ["python", "-m", "taichi_plume.study"]
+        costs = Section("Cost", "costs")
+        costs.table(cost_words(self.study.tables.costs), (), captions.COSTS)
+        reading = [
+            f'import taichi_plume as tp; results = tp.open_study("{folder}"); results.points(); results.trials()',
+            f"duckdb -c \"select * from '{trials}/**/*.parquet'\"",
+            f'pandas.read_parquet("{trials}")',
+            f'polars.read_parquet("{trials}/**/*.parquet")',
+        ]
+        out = str(folder.resolve())
+        again = [
+            shlex.join([*study, str(self.about["file"]), "--out", out]),
+            shlex.join([*study, "report", out]),
+        ]
         return [
-            self.words(), self.varied(), self.along(), self.kind(), self.table(), self.failures(), self.costs(),
-            self.reading(), self.again(),
+            self._words(), self._varied(), self._along(), self._kind(), self._table(), self._failures(), costs,
+            Section("How to read the tables", "read", lines=reading, code=True),
+            Section("How to resume", "again", lines=again, tables=[Table(captions.AGAIN)], code=True),
         ]  # fmt: skip
 
-    def words(self) -> Section:
-        """Return the report section that states the main results in sentences, for all runs and by axis value."""
+    def _words(self) -> Section:
+        """Return the main results in sentences, for all runs and by axis value."""
         section = Section("The result in words", "words")
         declared = [q for q in self.known if q.name in ("declared", "localisation_error_m")]
         for quantity in [*(self.main or self.others)[:2], *declared]:
@@ -76,36 +90,34 @@ class Page:
                 values = [value for value in self._values(axis)[:MOST_SHOWN] if value in found]
                 rows += [(f"{axis}: {value}", quantity.words(found[value])) for value in values]
             section.table(rows, (quantity.title, ""))
-        section.tables += list(self._differences())
-        if TIME in self.main:
-            section.lines.append(captions.FAILURES)
-        if self.points.trials["shares_arena"].any():
-            section.lines.append(captions.SHARED)
-        if any(e and e.airs > 1 for column in self.points.estimates.values() for e in column):
-            section.lines.append(captions.OVER_AIRS)
+        self._differences(section)
+        several = any(e and e.airs > 1 for column in self.points.estimates.values() for e in column)
+        section.lines += [captions.FAILURES] * (TIME in self.main)
+        section.lines += [captions.SHARED] * bool(self.points.trials["shares_arena"].any())
+        section.lines += [captions.OVER_AIRS] * several
         return section
 
-    def _differences(self) -> Iterator[Table]:
-        """Yield a table: success at other values of an axis minus success at its first value, in the same airs."""
+    def _differences(self, section: Section) -> None:
+        """Add a table: success at other values of an axis minus success at its first value, in the same airs."""
         axis = next((name for name in self.named if name in self.points.axes), None)
         if axis is None or SUCCESS not in self.main:
             return
         others = [name for name in self.points.axes if name != axis and name in self.named + self.numeric]
-        rows = []
-        for row in self.points.differences(axis):
-            if row["apart"].airs < 2:
-                continue
-            where = ", ".join(f"{name} {_plain(row[name])}" for name in others)
-            rows.append((where, f"{row['second']} - {row['first']}", *_apart_words(row["apart"])))
-            if len(rows) > MOST_SHOWN:
-                break
-        if rows:
-            more = f" The first {MOST_SHOWN} are shown." if len(rows) > MOST_SHOWN else ""
-            heads = ("in the same airs", "success of", "differs by [percentage points]", "95 % interval")
-            yield Table(rows[:MOST_SHOWN], heads, captions.APART + more)
+        paired = (row for row in self.points.differences(axis) if row["apart"].airs >= 2)
+        rows = [
+            (
+                ", ".join(f"{name} {_plain(row[name])}" for name in others),
+                f"{row['second']} - {row['first']}",
+                *_apart_words(row["apart"]),
+            )
+            for row in islice(paired, MOST_SHOWN + 1)
+        ]
+        more = f" The first {MOST_SHOWN} are shown." if len(rows) > MOST_SHOWN else ""
+        heads = ("in the same airs", "success of", "differs by [percentage points]", "95 % interval")
+        section.table(rows[:MOST_SHOWN], heads, captions.APART + more)
 
-    def varied(self) -> Section:
-        """Return the report section on the study's axes, their values, and the numbers of points and runs."""
+    def _varied(self) -> Section:
+        """Return the study's axes, their values, and the numbers of points and runs."""
         section = Section("What was varied", "varied")
         plan, axes = self.study.plan, self.about["study"].get("axes") or {}
         rows = []
@@ -132,8 +144,8 @@ class Page:
             section.lines.append(captions.STILL)
         return section
 
-    def along(self) -> Section:
-        """Return the report section with plots of results along each axis and heat maps over pairs of numeric axes."""
+    def _along(self) -> Section:
+        """Return plots of results along each axis and heat maps over pairs of numeric axes."""
         section = Section("Along the axes", "along")
         shown = self.main or self.others[:2]
         if not shown:
@@ -156,8 +168,8 @@ class Page:
             section.lines.append(f"{left} more axes are not drawn; results.points() has all.")
         return section
 
-    def kind(self) -> Section:
-        """Return the section of Sobol indices or of orders of grid convergence; empty for a plain sweep."""
+    def _kind(self) -> Section:
+        """Return Sobol indices or orders of grid convergence; empty for a plain sweep."""
         kinds = {"sensitivity": self._indices, "refinement": self._orders}
         return kinds.get(self.about["kind"], lambda: Section("", ""))()
 
@@ -190,21 +202,17 @@ class Page:
             if not mine:
                 continue
             names = [", ".join(_plain(row[name]) for name in others if name in row) for row in mine]
-            image = plots.refinement(mine, names, quantity.title, quantity.unit)
+            image = plots.refinement(mine, names, quantity)
             section.image(image, f"{quantity.title} over the spacing", captions.SPACING)
             lines = [
-                (
-                    name or "all",
-                    ", ".join(f"{value:.4g}" for value in row["values"]),
-                    grid_refinement.words(row),
-                )
+                (name or "all", ", ".join(f"{v:.4g}" for v in row["values"]), grid_refinement.words(row))
                 for row, name in list(zip(mine, names, strict=True))[:MOST_SHOWN]
             ]
             section.table(lines, (quantity.title, "values, finest first", "order"))
         return section
 
-    def table(self) -> Section:
-        """Return the report section with a table of mean results per point (combination of axis values)."""
+    def _table(self) -> Section:
+        """Return a table of mean results per point (combination of axis values)."""
         section = Section("The points", "points")
         table, estimates = self.points.table, self.points.estimates
         shown = [q for q in self.known if q.name != "time_s"]
@@ -220,18 +228,17 @@ class Page:
         rows = []
         for row in order:
             about = table.iloc[row]
-            runs = f"{about['runs']}"
-            for name in ("failed", "missing"):
-                runs += f", {about[name]} {name}" if about[name] else ""
+            lost = [f"{about[name]} {name}" for name in ("failed", "missing") if about[name]]
             cells = [quantity.cell(estimates[quantity.name][row]) for quantity in shown]
-            rows.append((*(_plain(about[axis]) for axis in axes), *cells, runs))
+            rows.append(
+                (*(_plain(about[axis]) for axis in axes), *cells, ", ".join([f"{about['runs']}", *lost]))
+            )
         heads = [plots.label(self.points, axis) for axis in axes]
-        heads += [q.title + (f" [{q.unit}]" if q.unit not in ("", "1") else "") for q in shown]
-        section.table(rows, (*heads, "runs"), caption)
+        section.table(rows, (*heads, *(q.heading for q in shown), "runs"), caption)
         return section
 
-    def failures(self) -> Section:
-        """Return the report section on failed runs (messages, commands to repeat them) and missing runs."""
+    def _failures(self) -> Section:
+        """Return failed runs (messages, commands to repeat them) and missing runs."""
         section = Section("Failed and missing runs", "failures")
         runs = self.points.runs
         rows = []
@@ -248,32 +255,6 @@ class Page:
         if missing:
             section.lines.append(captions.MISSING.format(missing=missing, all=len(runs)))
         return section
-
-    def costs(self) -> Section:
-        """Return the report section on the computing time and the workers of the study's runs."""
-        section = Section("Cost", "costs")
-        section.table(cost_words(self.study.tables.costs), (), captions.COSTS)
-        return section
-
-    def reading(self) -> Section:
-        """Return the report section with commands that read the study's tables, such as pandas and DuckDB commands."""
-        folder, trials = self.folder, f"{self.folder}/trials"
-        lines = [
-            f'import taichi_plume as tp; results = tp.open_study("{folder}"); results.points(); results.trials()',
-            f"duckdb -c \"select * from '{trials}/**/*.parquet'\"",
-            f'pandas.read_parquet("{trials}")',
-            f'polars.read_parquet("{trials}/**/*.parquet")',
-        ]
-        return Section("How to read the tables", "read", lines=lines, code=True)
-
-    def again(self) -> Section:
-        """Return the report section with the commands that resume the study and that rewrite its report page."""
-        out = str(self.folder.resolve())
-        lines = [
-            shlex.join(["python", "-m", "taichi_plume.study", str(self.about["file"]), "--out", out]),
-            shlex.join(["python", "-m", "taichi_plume.study", "report", out]),
-        ]
-        return Section("How to resume", "again", lines=lines, tables=[Table(captions.AGAIN)], code=True)
 
 
 # ---------------------------------------------------------------- cells of tables

@@ -1,7 +1,7 @@
 """Figures of a parameter study's page: results along axes and over pairs of axes, Sobol indices, grid refinement."""
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Hashable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-WIDE, TALL = 7.2, 2.5  # inches
-DPI = 100
+TALL = 2.5  # inches
 MOST_LINES = 6  # lines in a panel
 MOST_PANELS = 4
 MOST_VALUES = 15  # values of an axis plotted with intervals; axes with more show dots and a running mean
@@ -63,47 +62,9 @@ def logarithmic(points: Points, axis: str) -> bool:
     return isinstance(found, dict) and found.get("spacing") == "log" and min(values_of(points, axis)) > 0
 
 
-def _quantity(quantity: Quantity) -> str:
-    unit = "%" if quantity.share else "" if quantity.unit in ("1", "") else quantity.unit
-    return theme.short(quantity.title, 44) + (f" [{unit}]" if unit else "")
-
-
 def _scaled(quantity: Quantity, estimate: Estimate) -> list[float]:
     """Return mean, lower and upper end of an estimate with its interval; in per cent if the quantity is a fraction."""
     return [(100.0 if quantity.share else 1.0) * value for value in estimate[:3]]
-
-
-def interval_bar(axes: "Axes", place: int, quantity: Quantity, estimate: Estimate) -> None:
-    """Draw an estimate at y = `place`: its mean as a dot, its confidence interval as a horizontal error bar."""
-    mean, low, high = _scaled(quantity, estimate)
-    axes.errorbar(
-        [mean], [place], xerr=np.nan_to_num(np.abs([[mean - low], [high - mean]])), color=theme.robot(place),
-        marker="o", markersize=4.5, capsize=2.5,
-    )  # fmt: skip
-
-
-def _panels(
-    count: int, draw: Callable[["Axes", int], None], rows: int, tall: float = TALL, legend: str = ""
-) -> bytes:
-    """Return a PNG of `count` panels in `rows` rows; draw(axes, n) draws panel n. legend: title of a legend, if any."""
-    with theme.styled({"text.parse_math": False}):
-        below = 0.45 if legend else 0.0
-        figure = theme.figure(WIDE, tall * rows + below, DPI)
-        axes = np.ravel(figure.subplots(rows, -(-count // rows), squeeze=False))
-        for n, panel in enumerate(axes):
-            if n < count:
-                theme.plain(panel)
-                draw(panel, n)
-            else:
-                panel.set_axis_off()
-        figure.tight_layout(pad=0.6, rect=(0, below / (tall * rows + below), 1, 1))
-        if legend:
-            handles, labels = axes[0].get_legend_handles_labels()
-            box = figure.legend(handles, labels, loc="lower left", ncols=3, handlelength=1.2)
-            box.set_title(f"{legend}:")
-            box.get_title().set_fontsize(8)
-            box.set_alignment("left")
-        return theme.png(figure)
 
 
 # ---------------------------------------------------------------- along one axis
@@ -117,21 +78,24 @@ def along(points: Points, axis: str, by: str | None, quantities: Sequence[Quanti
     keys = [axis, *([by] if by else [])]
     found = {q.name: points.estimated(q, keys) if draw is _means else {} for q in quantities}
 
-    def panel(axes: "Axes", n: int) -> None:
-        part, quantity = parts[n // len(quantities)], quantities[n % len(quantities)]
-        draw(axes, points, axis, by, part, quantity, found[quantity.name])
-        _label_numeric(axes, points, axis, quantity)
-        if n % len(quantities) == 0 and by and len(parts) > 1:
-            axes.legend(loc="best", title=theme.short(by), title_fontsize=8, handlelength=1.2)
-
     legend = theme.short(by) if by and len(parts) == 1 else ""
-    return _panels(len(parts) * len(quantities), panel, len(parts), legend=legend)
+    with _panels(len(parts) * len(quantities), len(quantities), below=0.45 if legend else 0.0) as plot:
+        for n, axes in enumerate(plot):
+            part, quantity = parts[n // len(quantities)], quantities[n % len(quantities)]
+            draw(axes, points, axis, by, part, quantity, found[quantity.name])
+            _label_numeric(axes, points, axis, quantity)
+            if n % len(quantities) == 0 and by and len(parts) > 1:
+                axes.legend(loc="best", title=theme.short(by), title_fontsize=8, handlelength=1.2)
+        if legend:
+            handles = plot[0].get_legend_handles_labels()
+            how = {"title_fontsize": 8, "alignment": "left", "handlelength": 1.2}
+            plot.figure.legend(*handles, loc="lower left", ncols=3, title=f"{legend}:", **how)
+    return plot.png
 
 
 def _label_numeric(axes: "Axes", points: Points, axis: str, quantity: Quantity) -> None:
     """Set labels and scales of a panel that shows a quantity over a numeric axis."""
-    axes.set_xlabel(label(points, axis))
-    axes.set_title(_quantity(quantity), fontsize=9)
+    axes.set(xlabel=label(points, axis), title=quantity.heading)
     if logarithmic(points, axis):
         axes.set_xscale("log")
         axes.xaxis.set_major_formatter("{x:g}")
@@ -145,8 +109,9 @@ def of_axis(points: Points, axis: str, by: str | None, quantity: Quantity, place
 
     by: axis with a line per value, of a numeric `axis`. place: axes to draw into, or size of the figure.
     """
+    small = theme.WIDE / 2, 1.2 * TALL
     with theme.styled({"text.parse_math": False}) if place.ax is None else nullcontext():
-        made = None if place.ax is not None else theme.figure(*(place.figsize or (WIDE / 2, 1.2 * TALL)), DPI)
+        made = None if place.ax is not None else theme.figure(*(place.figsize or small), theme.DPI)
         axes = made.subplots() if made is not None else place.ax
         assert axes is not None
         theme.plain(axes)
@@ -227,23 +192,36 @@ def _running(
 def between(points: Points, axis: str, quantities: Sequence[Quantity]) -> bytes:
     """Return a PNG of quantities with confidence intervals at each value of a non-numeric axis."""
     names = values_of(points, axis)[: MOST_LINES * MOST_PANELS]
-    found = {q.name: points.estimated(q, [axis]) for q in quantities}
-
-    def panel(axes: "Axes", n: int) -> None:
-        _intervals(axes, quantities[n], names, found[quantities[n].name], n == 0)
-
-    return _panels(len(quantities), panel, 1, max(1.4, 0.7 + 0.24 * len(names)))
+    return compared(names, {quantity: points.estimated(quantity, [axis]) for quantity in quantities})
 
 
-def _intervals(axes: "Axes", quantity: Quantity, names: Names, found: Estimates, named: bool) -> None:
+def compared(
+    names: Names, found: Mapping[Quantity, Mapping[Any, Estimate | None]], longest_s: float = np.nan
+) -> bytes:
+    """Return a PNG with a panel per quantity: mean and interval of each name. longest_s: end of the axis of times."""
+    with theme.panels(len(found), len(found), max(1.4, 0.7 + 0.24 * len(names)), math=False) as plot:
+        for axes, (quantity, estimates) in zip(plot, found.items(), strict=True):
+            _intervals(axes, quantity, names, estimates, axes is plot[0])
+            if quantity.unit == "s" and np.isfinite(longest_s):
+                axes.set_xlim(-0.03 * longest_s, 1.03 * longest_s)
+    return plot.png
+
+
+def _intervals(
+    axes: "Axes", quantity: Quantity, names: Names, found: Mapping[Any, Estimate | None], named: bool
+) -> None:
     """Draw an interval bar per value of an axis, with the values at the left if `named`."""
     for place, name in enumerate(names):
-        if name in found:
-            interval_bar(axes, place, quantity, found[name])
+        estimate = found.get(name)
+        if estimate is not None and estimate.n:
+            mean, low, high = _scaled(quantity, estimate)
+            reach = np.nan_to_num(np.abs([[mean - low], [high - mean]]))
+            look = {"color": theme.robot(place), "marker": "o", "markersize": 4.5, "capsize": 2.5}
+            axes.errorbar([mean], [place], xerr=reach, **look)
     axes.set_yticks(range(len(names)), [theme.short(str(name)) if named else "" for name in names])
     theme.verbatim(axes.get_yticklabels())
     axes.set_ylim(len(names) - 0.5, -0.5)
-    axes.set_title(_quantity(quantity), fontsize=9)
+    axes.set_title(quantity.heading)
     if quantity.share:
         axes.set_xlim(-3, 103)
 
@@ -262,23 +240,22 @@ def heat(points: Points, pair: tuple[str, str], by: str | None, q: Quantity) -> 
         tables.append([[_scaled(q, found[k])[0] if k in found else np.nan for k in row] for row in keys])
     low, high = (0.0, 100.0) if q.share else (float(np.nanmin(tables)), float(np.nanmax(tables)))
 
-    def panel(axes: "Axes", n: int) -> None:
-        axes.grid(False)
-        image = axes.imshow(tables[n], origin="lower", aspect="auto", cmap="viridis", vmin=low, vmax=high)
-        turned = 45 if len(across) > 6 else 0
-        axes.set_xticks(range(len(across)), [f"{x:.3g}" for x in across], rotation=turned)
-        axes.set_yticks(range(len(up)), [f"{y:.3g}" for y in up])
-        axes.set_xlabel(label(points, pair[0]))
-        axes.set_ylabel(label(points, pair[1]))
-        axes.set_title(theme.short(str(parts[n])) if by else _quantity(q), fontsize=9)
-        for row, values in enumerate(tables[n] if len(across) * len(up) <= 64 else []):
-            for place, value in enumerate(values):
-                if np.isfinite(value):
-                    theme.note(axes, place, row, f"{value:.3g}", theme.INK)
-        axes.figure.colorbar(image, ax=axes, fraction=0.05, pad=0.03).set_label(_quantity(q), fontsize=7)
-
-    rows = -(-len(parts) // 2)
-    return _panels(len(parts), panel, rows, 2.9)
+    columns = min(2, len(parts))
+    with _panels(len(parts), columns, 2.9) as plot:
+        for axes, name, table in zip(plot, parts, tables, strict=True):
+            axes.grid(False)
+            image = axes.imshow(table, origin="lower", aspect="auto", cmap="viridis", vmin=low, vmax=high)
+            turned = 45 if len(across) > 6 else 0
+            axes.set_xticks(range(len(across)), [f"{x:.3g}" for x in across], rotation=turned)
+            axes.set_yticks(range(len(up)), [f"{y:.3g}" for y in up])
+            title = theme.short(str(name)) if by else q.heading
+            axes.set(xlabel=label(points, pair[0]), ylabel=label(points, pair[1]), title=title)
+            for row, values in enumerate(table if len(across) * len(up) <= 64 else []):
+                for place, value in enumerate(values):
+                    if np.isfinite(value):
+                        theme.note(axes, place, row, f"{value:.3g}", theme.INK)
+            plot.figure.colorbar(image, ax=axes, fraction=0.05, pad=0.03).set_label(q.heading, fontsize=7)
+    return plot.png
 
 
 # ---------------------------------------------------------------- kinds
@@ -286,38 +263,37 @@ def heat(points: Points, pair: tuple[str, str], by: str | None, q: Quantity) -> 
 
 def sensitivity(title: str, indices: dict[str, Index]) -> bytes:
     """Return a PNG bar chart of the first-order and total Sobol indices of the axes, with confidence intervals."""
-
-    def panel(axes: "Axes", _: int) -> None:
-        place = np.arange(len(indices))
+    with _panels(tall=1.1 + 0.5 * len(indices)) as plot:
+        (axes,), place = plot, np.arange(len(indices))
         for n, name in enumerate(("first order: by itself", "total: with the others")):
             index, low, high = np.array([values[3 * n : 3 * n + 3] for values in indices.values()]).T
             reach = np.nan_to_num(np.clip([index - low, high - index], 0, None))
-            axes.barh(
-                place + 0.38 * n - 0.19, index, 0.36, xerr=reach, color=theme.robot(n), label=name,
-                ecolor=theme.INK, capsize=2,
-            )  # fmt: skip
+            look = {"color": theme.robot(n), "ecolor": theme.INK, "capsize": 2}
+            axes.barh(place + 0.38 * n - 0.19, index, 0.36, xerr=reach, label=name, **look)
         axes.set_yticks(place, [theme.short(name) for name in indices])
-        axes.set_ylim(len(indices) - 0.4, -0.6)
-        axes.set_xlabel("share of the variance")
-        axes.set_title(title, fontsize=9)
+        axes.set(ylim=(len(indices) - 0.4, -0.6), xlabel="share of the variance", title=title)
         axes.legend(loc="best")
+    return plot.png
 
-    return _panels(1, panel, 1, 1.1 + 0.5 * len(indices))
 
-
-def refinement(rows: Sequence[Row], names: Sequence[str], title: str, unit: str) -> bytes:
+def refinement(rows: Sequence[Row], names: Sequence[str], quantity: Quantity) -> bytes:
     """Return a PNG of results over the grid spacing, a line per row, with their extrapolations to zero spacing."""
-
-    def panel(axes: "Axes", _: int) -> None:
+    title = quantity._replace(share=False).heading  # values are fractions
+    with _panels() as plot:
+        (axes,) = plot
         for n, (row, name) in enumerate(zip(rows[:MOST_LINES], names, strict=False)):
             label, color = theme.short(name, 40), theme.robot(n)
             axes.plot(row["spacings"], row["values"], "o-", color=color, markersize=4, label=label)
             if np.isfinite(row["extrapolated"]):
-                axes.plot(0, row["extrapolated"], "*", color=theme.robot(n), markersize=9, clip_on=False)
-        axes.set_xlim(0, None)
-        axes.set_xlabel("spacing [m]; stars: extrapolated")
-        axes.set_title(theme.short(title, 60) + (f" [{unit}]" if unit not in ("", "1") else ""), fontsize=9)
+                axes.plot(0, row["extrapolated"], "*", color=color, markersize=9, clip_on=False)
+        axes.set(xlim=(0, None), xlabel="spacing [m]; stars: extrapolated", title=title)
         if any(names):
             axes.legend(loc="best")
+    return plot.png
 
-    return _panels(1, panel, 1)
+
+def _panels(
+    count: int = 1, columns: int = 1, tall: float = TALL, below: float = 0.0
+) -> AbstractContextManager[theme.Panels]:
+    """Return the context of `theme.panels` for panels of height `tall` each [inches], with names from files."""
+    return theme.panels(count, columns, tall * -(-count // columns), math=False, below=below)

@@ -13,7 +13,6 @@ or damaged files raise a RunFolderError of one line.
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -237,7 +236,10 @@ class Results:
         return made
 
     def _repr_html_(self) -> str:
-        return f"<p>{escape(repr(self))}</p>{self.by_points.brief().to_html(index=False)}"
+        from taichi_plume.report.html import in_notebook
+
+        brief = self.by_points.brief()
+        return in_notebook(brief.to_numpy().tolist(), list(brief.columns), notes=[repr(self)])
 
     def __repr__(self) -> str:
         counts = self.runs()["status"].value_counts().sort_index()

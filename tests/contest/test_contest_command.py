@@ -8,9 +8,8 @@ import pytest
 
 from taichi_plume.cli.contest import main
 from taichi_plume.contests import execution
-from taichi_plume.contests import page as pages
-from taichi_plume.contests.captions import NO_INTERVALS
-from taichi_plume.contests.standings import MEASURES, SUCCESS, Row
+from taichi_plume.contests.standings import MEASURES, NO_INTERVALS, Row, show_table
+from taichi_plume.studies.estimates import SUCCESS
 from taichi_plume.studies.intervals import estimates
 from taichi_plume.studies.results import open_study
 
@@ -132,7 +131,7 @@ def test_a_table_without_intervals_says_why(airs, capsys):
     found = dict.fromkeys([measure.name for measure in MEASURES])
     success = estimates([1.0, 0.0] * airs, ["a"] * 2 * airs, [*range(airs)] * 2, [True] * 2 * airs, True)["a"]
     row = Row("open_2d", "a", 1, 2 * airs, 0, 0, "", 2 * airs, found | {SUCCESS.name: success})
-    pages.show_table([row])
+    show_table([row])
     printed = capsys.readouterr().out
     assert (NO_INTERVALS in printed) == (airs < 3)
     assert ("(" in SUCCESS.cell(success)) == (airs >= 3)

@@ -7,7 +7,7 @@ import pytest
 
 from taichi_plume.api.own import Own
 from taichi_plume.assembly.preparation import prepare
-from taichi_plume.contests import plots
+from taichi_plume.contests import page
 from taichi_plume.contests.entrants import (
     FILES,
     FLOOR,
@@ -17,11 +17,9 @@ from taichi_plume.contests.entrants import (
     known,
     learnt,
     own,
-    scenarios,
     shipped,
 )
-from taichi_plume.contests.execution import Contest, plans
-from taichi_plume.contests.fixed_scenarios import FOLDER, NAMES, fixed
+from taichi_plume.contests.execution import FOLDER, NAMES, Contest, fixed, plans, scenarios
 from taichi_plume.scenario.changes import changed
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
 
@@ -50,7 +48,7 @@ def test_a_fixed_scenario_is_sound(name):
     assert one.about[1].rstrip().endswith((".", "?"))
     assert set(one.facts) == {"threshold_ppm", "wind_speed"}
     for each in shipped():
-        scenario = scenario_from(changed(one.data, each.changes(one)))
+        scenario = scenario_from(changed(one.data, each.changes(one.facts)))
         group = scenario.robots[0]
         assert group.count == (TEAM if each.name == "dapso" else 1)
         assert not prepare(scenario, FOLDER).resources.faults
@@ -69,7 +67,7 @@ def test_all_scenarios_have_the_same_robot_and_chances():
 
 def test_each_is_given_what_it_has_a_key_for():
     one, there = fixed("closed_room"), {each.name: each for each in shipped()}
-    expected = {name: each.changes(one)["robots.0.algorithm"] for name, each in there.items()}
+    expected = {name: each.changes(one.facts)["robots.0.algorithm"] for name, each in there.items()}
     assert expected["casting"] == {"kind": "casting", "threshold_ppm": one.facts["threshold_ppm"]}
     assert expected["infotaxis"]["wind_speed"] == one.facts["wind_speed"]
     assert expected["spiral"] == {"kind": "spiral", "minimum_ppm": one.facts["threshold_ppm"]}
@@ -145,7 +143,7 @@ def test_who_can_say_where_the_source_is_takes_part_twice(tmp_path):
     (tmp_path / "silent.py").write_text(OWN)
     (tmp_path / "sure.py").write_text(OWN + "        robots.declare(robots.reading > 9, robots.position)\n")
     some = entrants(["casting", "infotaxis"], [tmp_path / "silent.py", tmp_path / "sure.py"])
-    assert [one.changes(fixed("open_2d"))["stop_early"] for one in some[:3]] == [True, True, False]
+    assert [one.changes(fixed("open_2d").facts)["stop_early"] for one in some[:3]] == [True, True, False]
     assert [(one.name, one.found) for one in some] == [
         ("casting", "reached"),
         ("infotaxis", "reached"),
@@ -158,13 +156,13 @@ def test_who_can_say_where_the_source_is_takes_part_twice(tmp_path):
 
 def test_a_picture_that_was_cut_off_is_made_again(tmp_path, monkeypatch):
     made = []
-    monkeypatch.setattr(plots, "_computed", lambda scenario: made.append(1) or np.ones((2, 3), np.float32))
+    monkeypatch.setattr(page, "_computed", lambda scenario: made.append(1) or np.ones((2, 3), np.float32))
     one = fixed("meandering")
     for content in (None, b"", b"PK\x03\x04 and no more"):
         if content is not None:
             (tmp_path / "meandering.plume.npz").write_bytes(content)
-        assert plots.mean_plume(one, tmp_path).shape == (2, 3)
-        assert plots.mean_plume(one, tmp_path).shape == (2, 3)
+        assert page.mean_plume(one, tmp_path).shape == (2, 3)
+        assert page.mean_plume(one, tmp_path).shape == (2, 3)
     assert len(made) == 3
     assert [file.name for file in tmp_path.iterdir()] == ["meandering.plume.npz"]
 

@@ -1,13 +1,11 @@
 """Figures keep their text as text in PDF and SVG, whoever saves them and with whatever settings of matplotlib."""
 
-import base64
 import io
 import re
 import xml.etree.ElementTree as ET
 
 import made_run
 import matplotlib as mpl
-import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
@@ -15,8 +13,6 @@ from matplotlib.text import Text
 from taichi_plume.cli import picture
 from taichi_plume.report import scene
 from taichi_plume.results.run import Run
-from taichi_plume.validation import report
-from taichi_plume.validation.case import Curve
 
 
 def fonts(pdf: bytes) -> set[str]:
@@ -70,12 +66,3 @@ def test_the_picture_command_keeps_text(tmp_path, kind):
         assert not [
             text for text in written(Run(folder, lenient=True).plot(at=5)) if text not in texts(content)
         ]
-
-
-def test_curves_of_the_validation_keep_their_text():
-    ends = np.array([0.0, 1.0])
-    encoded = report._picture({}, {"a channel": Curve("distance [m]", "speed [m/s]", ends, ends, ends)})
-    kept = texts(base64.b64decode(encoded))
-    assert not [
-        text for text in ("a channel", "distance [m]", "speed [m/s]", "reference") if text not in kept
-    ]

@@ -15,8 +15,7 @@ from test_campaign import scheduler, worker
 
 import taichi_plume as tp
 from taichi_plume.contests.entrants import entrants
-from taichi_plume.contests.execution import Choice, Contest, plans
-from taichi_plume.contests.fixed_scenarios import fixed
+from taichi_plume.contests.execution import Choice, Contest, fixed, plans
 from taichi_plume.files.own_class import CLASSES, OwnAlgorithmError
 from taichi_plume.studies import given_classes
 from taichi_plume.studies.given_classes import GivenClass, labels
