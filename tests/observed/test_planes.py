@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from taichi_plume.grid.grid import Grid
-from taichi_plume.record import planes
-from taichi_plume.record.planes import Plane, Raster
+from taichi_plume.observed import planes
+from taichi_plume.observed.planes import VOLUME, Lattice, Plane, Raster
 from taichi_plume.scenario.scenario import Scenario
 
 
@@ -50,10 +50,41 @@ def test_slices_leave_out_what_is_solid():
     solid[:, :, 2] = True
     solid[5, 5, 3] = True
     expected = values[:, :, 3].copy()
-    expected[5, 5] = 0.3 * values[5, 5, 2] + 0.7 * values[5, 5, 3]  # solid on both sides
-    assert sliced(values, 0.32, solid) == pytest.approx(expected)
-    warm = np.full(GRID.shape, 294.0)
-    assert sliced(warm, 0.37, random(*GRID.shape) > 0.5) == pytest.approx(warm[..., 0], rel=1e-6)
+    expected[5, 5] = np.nan  # solid on both sides
+    assert sliced(values, 0.32, solid) == pytest.approx(expected, nan_ok=True)
+    warm, solid = np.full(GRID.shape, 294.0), random(*GRID.shape) > 0.5
+    found = sliced(warm, 0.37, solid)  # between the middles of the layers 3 and 4
+    assert np.array_equal(np.isnan(found), solid[..., 3] & solid[..., 4])
+    assert found[~np.isnan(found)] == pytest.approx(294, rel=1e-6)
+
+
+def test_pixels_without_air_are_missing():
+    solid = AIR.copy()
+    solid[:4, :4, :2] = solid[10, 10] = True
+    column, floor = sliced(random(*GRID.shape), None, solid), sliced(random(*GRID.shape), 0.0, solid)
+    assert np.argwhere(np.isnan(column)).tolist() == [[10, 10]]
+    assert np.array_equal(np.isnan(floor), solid[..., 0])
+    fine = Raster(Plane("slice", (0, 1), 2, 0.0, ""), GRID, solid, 2, 2)
+    missing = np.isnan(fine.of_samples(np.ones(fine.samples)))
+    assert np.array_equal(missing, np.kron(solid[..., 0], np.ones((2, 2))) > 0)
+    voxels = Raster(VOLUME, GRID, solid)
+    assert voxels.shape == (10, 8, 5)
+    missing = np.argwhere(np.isnan(voxels.of_cells(random(*GRID.shape)))).tolist()
+    assert missing == [[0, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0]]
+        [0, 0, 0],
+        [0, 1, 0],
+        [1, 0, 0],
+        [1, 1, 0],
+    ]
+
+
+def test_arrows_fill_a_plane_evenly():
+    lattice = Lattice(Plane("section", (1, 2), 0, 0.7, ""), GRID.extent)
+    counts, cell = np.array(lattice.shape), np.array(lattice.cell)
+    assert counts * cell == pytest.approx([1.6, 1.0])
+    assert lattice.points.shape == (*lattice.shape, 3)
+    assert lattice.points.reshape(-1, 3).mean(axis=0) == pytest.approx([0.7, 0.8, 0.5])
+    assert cell == pytest.approx(lattice.step, rel=0.1)
 
 
 @pytest.mark.parametrize(("axes", "normal"), [((0, 2), 1), ((1, 2), 0)])
@@ -64,7 +95,7 @@ def test_section_through_a_source_has_its_peak(axes, normal):
     pixels = raster.of_cells(values)
     assert pixels.max() == pytest.approx(values.max(), rel=1e-5)
     i, k = np.unravel_index(pixels.argmax(), pixels.shape)
-    place = [raster.origin[0] + (i + 0.5) * raster.cell, raster.origin[1] + (k + 0.5) * raster.cell]
+    place = [raster.origin[0] + (i + 0.5) * raster.cell[0], raster.origin[1] + (k + 0.5) * raster.cell[1]]
     assert place == pytest.approx(source[list(axes)])
 
 
@@ -74,7 +105,7 @@ def test_pixels_of_large_grids_are_the_largest_of_their_cells():
     values[500, 17] = values[1000, 29] = 1.0
     raster = Raster(Plane("slice", (0, 1), None, None, ""), grid, np.zeros(grid.shape, bool))
     pixels = raster.of_cells(values)
-    assert raster.cell == pytest.approx(0.03)
+    assert raster.cell == pytest.approx((0.03, 0.03))
     assert pixels.shape == (334, 10)
     assert np.argwhere(pixels).tolist() == [[166, 5], [333, 9]]
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from taichi_plume.record.drawing import Scale
+from taichi_plume.observed.scales import Scale, decades, logarithmic, rounded_up
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -27,3 +27,19 @@ def test_marks_are_round_numbers_where_they_belong():
             place = np.log(float(text) / scale.low) / np.log(scale.high / scale.low)
             linear = (float(text) - scale.low) / (scale.high - scale.low)
             assert at == pytest.approx(place if scale.kind == "log" else linear, abs=1e-6)
+
+
+def test_logarithmic_scale():
+    places = logarithmic(np.array([0.0, 0.1, 1.0, 10.0, 1e9, np.nan]), 0.1, 1000.0)
+    assert places[:5] == pytest.approx([0, 0, 0.25, 0.5, 1])
+    assert np.isnan(places[5])
+    marks = decades(0.1, 1000.0)
+    assert [label for _, label in marks] == ["0.1", "1", "10", "100", "1000"]
+    assert [at for at, _ in marks] == pytest.approx([0, 0.25, 0.5, 0.75, 1])
+
+
+@pytest.mark.parametrize(
+    ("value", "next_one"), [(0.34, 0.5), (0.5, 0.5), (1.01, 1.5), (0.0071, 0.01), (28.0, 30.0)]
+)
+def test_keys_are_round_numbers(value, next_one):
+    assert rounded_up(value) == pytest.approx(next_one)

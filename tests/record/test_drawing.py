@@ -59,15 +59,6 @@ def framed(extent: tuple[float, ...], aspect: float, elevation: float) -> float:
     return max(high, wide)
 
 
-def test_logarithmic_scale():
-    places = drawing.logarithmic(np.array([0.0, 0.1, 1.0, 10.0, 1e9, np.nan]), 0.1, 1000.0)
-    assert places[:5] == pytest.approx([0, 0, 0.25, 0.5, 1])
-    assert np.isnan(places[5])
-    marks = drawing.decades(0.1, 1000.0)
-    assert [label for _, label in marks] == ["0.1", "1", "10", "100", "1000"]
-    assert [at for at, _ in marks] == pytest.approx([0, 0.25, 0.5, 0.75, 1])
-
-
 def test_fan_lies_on_its_face():
     region = Fan(kind="fan", face="x-", center=(1.5, 0.25), diameter=0.4, speed=1.0)
     outline = drawing.opening(region, (4.0, 3.0, 0.5), 0.5)

@@ -11,7 +11,6 @@ from recordings import stream
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.grid.fields import Gas, Mixture
-from taichi_plume.record import drawing
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.time_loop import TimeLoop
 
@@ -89,8 +88,9 @@ def test_what_only_points_know_is_where_it_is_on_all_planes(tmp_path):
     for name in ("slice", "column", "section"):
         entity = found[f"/gas/{name}"]
         i, k = np.unravel_index(ppm(entity).argmax(), ppm(entity).shape)
-        (cell,) = entity["cell"]
-        place = {letter: (n + 0.5) * cell for letter, n in zip(entity["axes"][0], (i, k), strict=True)}
+        (cell,) = entity["GridMap:cell_size"]
+        axes = "xz" if name == "section" else "xy"
+        place = {letter: (n + 0.5) * cell for letter, n in zip(axes, (i, k), strict=True)}
         for letter, at in zip("xyz", (0.6, 1.5, 0.1), strict=True):
             assert abs(place.get(letter, at) - at) < 1.6 * cell
         assert ppm(entity).max() > 220
@@ -101,7 +101,7 @@ def test_static_values_tell_what_pictures_are(tmp_path):
     found = recorded(run_of(np.full(SHAPE, 20.0), recording={"range_ppm": [0.5, 50]}), tmp_path / "a.rrd")
     entity = found["/gas/section"]
     expected = {"quantity": ["ethanol"], "unit": ["ppm"], "low": [0.5], "high": [50.0], "scale": ["log"]}
-    expected |= {"plane": ["y = 1.5 m"], "axes": ["xz"], "cell": [pytest.approx(0.05)], "origin": [0.0, 0.0]}
+    expected |= {"plane": ["y = 1.5 m"], "GridMap:cell_size": [pytest.approx(0.05)]}
     assert {name: entity[name] for name in expected} == expected
     assert found["/gas/slice"]["plane"] == ["0.1 m above the floor"]
     assert found["/gas/column"]["plane"] == ["maximum over the height"]
@@ -148,10 +148,3 @@ def test_arrows_are_in_proportion_to_the_speed(tmp_path):
         tolerance = 0.02 if name == "slice" else 0.03
         assert vectors[:, 0] / length * speed == pytest.approx(along, abs=tolerance)
         assert np.all(vectors[:, [d for d in range(3) if d not in axes]] == 0)
-
-
-@pytest.mark.parametrize(
-    ("value", "next_one"), [(0.34, 0.5), (0.5, 0.5), (1.01, 1.5), (0.0071, 0.01), (28.0, 30.0)]
-)
-def test_keys_are_round_numbers(value, next_one):
-    assert drawing.rounded_up(value) == pytest.approx(next_one)
