@@ -154,9 +154,9 @@ class Cubes(Blocks):
         return _mean(air, overlaps), area
 
     def boxes(self, most: int, size: Sequence[float] = (np.inf,) * 3) -> np.ndarray:
-        """Return lower and upper corners (n, 2, dim) [m] of the solid cubes, in 3-D of those at the surface without the ceiling.
+        """Return lower and upper corners (n, 2, dim) [m] of all solid cubes with their centre in a room of this size.
 
-        A cube lies in a room of this size [m] if its centre does; there are no fewer cubes than that.
+        In 3-D, only the cubes at the surface count, without the ceiling.
         """
         places = [
             low + self.size * (np.arange(n) + 0.5) for low, n in zip(self.low, self.solid.shape, strict=True)
