@@ -109,11 +109,13 @@ class _Outline(_Body):
         self.edges = section(corners, z)
 
     def is_closed(self) -> bool:
-        """Return whether as many edges start as end at each point."""
-        size = WELD * max(float(np.ptp(self.edges.reshape(-1, 2), axis=0).max(initial=0.0)), 1e-300)
+        """Return whether as many edges start as end at each point; no edges are not closed."""
+        if not len(self.edges):
+            return False
+        size = WELD * max(float(np.ptp(self.edges.reshape(-1, 2), axis=0).max()), 1e-300)
         ends = np.rint(self.edges.reshape(-1, 2) / size)
         _, place = np.unique(ends, axis=0, return_inverse=True)
-        return len(ends) > 0 and not np.bincount(place.ravel(), np.tile([1, -1], len(self.edges))).any()
+        return not np.bincount(place.ravel(), np.tile([1, -1], len(self.edges))).any()
 
     def occupancy(self, points: np.ndarray) -> np.ndarray:
         return np.where(np.abs(turns(points[:, :2], self.edges)) > 0.5, 1.0, 0.0)
