@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,9 +15,11 @@ from taichi_plume.engine import ti
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Gas, Mixture, Wind
 from taichi_plume.grid.grid import Grid
+from taichi_plume.grid.outlines import faceted
 from taichi_plume.grid.series import Series
 from taichi_plume.scenario.obstacles import Mesh
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.shapes import shape
 from taichi_plume.scenario.species import SPECIES
 from taichi_plume.time_loop import TimeLoop
 
@@ -218,16 +221,22 @@ def simulation(model: Scenario) -> TimeLoop:
     source = model.gas.sources[0].position
     wind = FakeWind(grid, 0.9)
     air = Air.everywhere(grid)
-    obstacles = [_shape(o) for o in model.obstacles]
+    obstacles: list[Any] = [
+        _Facets(one) if isinstance(one, Mesh) else shape(one, model.domain, Path()) for one in model.obstacles
+    ]
     gas = Mixture([FakeGas(grid, source)])
     sim = TimeLoop(model, grid, wind, gas, swarm, sensors, teams, [], obstacles, air)
     sim.maps = [FakeMap(m.kind, m.cell, sim) for m in model.maps]
     return sim
 
 
-def _shape(model: Any) -> Any:
-    if not isinstance(model, Mesh):
-        return SimpleNamespace(model=model)
-    corners = np.array([[3.2, 2.3, 0], [3.6, 2.3, 0], [3.4, 2.7, 0], [3.4, 2.45, 0.3]])
-    triangles = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
-    return SimpleNamespace(model=model, vertices=corners, triangles=triangles)
+class _Facets:
+    """Mesh that needs no file and no open3d."""
+
+    def __init__(self, model: Mesh):
+        corners = np.array([[3.2, 2.3, 0], [3.6, 2.3, 0], [3.4, 2.7, 0], [3.4, 2.45, 0.3]])
+        self.model, self.triangles = model, corners[[[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]]
+
+    def mesh(self, size: tuple[float, float, float]) -> Any:
+        """Return the mesh for the recording."""
+        return faceted(self.triangles)

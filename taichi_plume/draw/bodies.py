@@ -1,6 +1,6 @@
 """Geometry of drawn obstacles: their outlines, and handles for corners, rims, heights, turning and way points."""
 
-from math import atan2, cos, degrees, hypot, radians, sin
+from math import atan2, degrees, hypot
 from typing import Any
 
 import numpy as np
@@ -16,11 +16,10 @@ from taichi_plume.draw.parts import (
     dragged,
     moved_point,
     pair,
-    rectangle,
 )
 from taichi_plume.grid.floor_plans import FloorPlan
-from taichi_plume.grid.shapes import Shape
-from taichi_plume.report.solids import polygons
+from taichi_plume.grid.outlines import rectangle
+from taichi_plume.grid.shapes import Shape, rotation
 from taichi_plume.report.theme import ABOVE
 from taichi_plume.scenario.obstacles import Box, Cylinder, Mesh, Prism, Round, Sphere, WallMap
 
@@ -40,9 +39,9 @@ class Body(Part):
         return [float(low[d]) for d in plane], [float(high[d]) for d in plane]
 
     def outlines(self, plane: Plane) -> list[Outline]:
-        parts = polygons(self.shape, plane)
+        parts = self.shape.outline(plane)
         if not parts or sum(map(len, parts)) > MOST_CORNERS:
-            parts = [rectangle(*self._span(plane)).points]
+            parts = [rectangle(*self._span(plane))]
         gap = np.full((1, 2), np.nan)
         joined = np.concatenate([corners for part in parts for corners in (gap, part)][1:])
         way = self._way(plane)
@@ -90,16 +89,14 @@ class Body(Part):
         elif isinstance(model, Box):
             for a, b in SIGNS:
                 local = np.array([a * model.size[0] / 2, b * model.size[1] / 2])
-                handles[f"{a:+d}{b:+d}"] = pair(model.center[:2] + _turned(local, model.yaw_deg))
-            handles["turn"] = pair(
-                model.center[:2] + _turned(np.array([model.size[0] / 2 + ARM, 0]), model.yaw_deg)
-            )
+                handles[f"{a:+d}{b:+d}"] = pair(model.center[:2] + rotation(model.yaw_deg) @ local)
+            handles["turn"] = pair(model.center[:2] + rotation(model.yaw_deg) @ (model.size[0] / 2 + ARM, 0))
         elif isinstance(model, Round):
             handles["rim"] = (model.center[0] + model.disc, model.center[1])
         elif isinstance(model, Mesh):
             low, high = self._span(plane)
             middle, reach = (np.array(low) + high) / 2, (high[0] - low[0]) / 2 + ARM
-            handles["turn"] = pair(middle + _turned(np.array([reach, 0]), model.yaw_deg))
+            handles["turn"] = pair(middle + rotation(model.yaw_deg) @ (reach, 0))
         return handles
 
     def moved(self, handle: str, plane: Plane, to: Point) -> Values:
@@ -117,10 +114,10 @@ class Body(Part):
             return {"radius": max(LEAST, hypot(to[0] - model.center[0], to[1] - model.center[1]))}
         if plane != ABOVE:
             return self._heightened(handle, plane, to)
-        local = _turned(np.array(to) - model.center[:2], -model.yaw_deg)
+        local = rotation(-model.yaw_deg) @ np.subtract(to, model.center[:2])
         half = np.array(model.size[:2]) / 2
         low, high = dragged(pair(-half), pair(half), handle, pair(local))
-        middle = _turned((np.array(low) + high) / 2, model.yaw_deg)
+        middle = rotation(model.yaw_deg) @ np.add(low, high) / 2
         center = [float(x) for x in model.center]
         center[:2] = [float(x) for x in model.center[:2] + middle]
         return {
@@ -160,8 +157,3 @@ class Body(Part):
             for n, (_, x, y) in enumerate(model.motion.path):
                 values |= {f"motion.path[{n}][{1 + d}]": float(z + by[d]) for d, z in enumerate((x, y))}
         return values
-
-
-def _turned(vector: np.ndarray, degrees_: float) -> np.ndarray:
-    c, s = cos(radians(degrees_)), sin(radians(degrees_))
-    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])

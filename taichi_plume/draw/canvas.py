@@ -239,9 +239,7 @@ class Canvas:
             ):
                 continue
             (a, b), room = thing.outlines(self.plane)[0].points, self.room or ()
-            inward = (1 if model.blows and (vars(model).get("speed") or 0.0) >= 0 else -1) * (
-                -1 if model.side else 1
-            )
+            inward = -model.direction if model.side else model.direction
             angle = (
                 (0 if inward > 0 else pi)
                 if self.plane[0] == model.normal

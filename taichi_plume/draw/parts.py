@@ -5,11 +5,12 @@ moved handle gives keys of the section new values in SI units.
 """
 
 from collections.abc import Sequence
-from math import hypot, pi
+from math import hypot
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from taichi_plume.grid.outlines import circle, rectangle
 from taichi_plume.report.theme import ABOVE
 from taichi_plume.scenario.domain import Arena, Domain, Located
 from taichi_plume.scenario.openings import Periodic
@@ -23,7 +24,6 @@ Point = tuple[float, float]
 Values = dict[str, Any]
 """New values of keys of a section, by key or by path within the section."""
 LEAST = 0.01  # m: a dragged edge stays this far from the opposite one
-ROUND = np.linspace(0.0, 2.0 * pi, 49)
 SIGNS = ((-1, -1), (1, -1), (1, 1), (-1, 1), (1, 0), (-1, 0), (0, 1), (0, -1))
 """Corners and edges of a rectangle, as signs along both axes."""
 
@@ -66,17 +66,6 @@ class Part:
     def shifted(self, by: np.ndarray) -> Values:
         """Return the new values of keys once the section has been moved by a vector of three axes [m]."""
         return {}
-
-
-def rectangle(low: Sequence[float], high: Sequence[float]) -> Outline:
-    """Return a rectangle by its corners."""
-    (a, b), (c, d) = low, high
-    return Outline(np.array([[a, b], [c, b], [c, d], [a, d]], float))
-
-
-def circle(center: Sequence[float], radius: float) -> Outline:
-    """Return a circle as a polygon."""
-    return Outline(np.array(center)[:2] + radius * np.stack([np.cos(ROUND), np.sin(ROUND)], axis=-1))
 
 
 def edges_of(low: Sequence[float], high: Sequence[float]) -> dict[str, Point]:
@@ -132,7 +121,7 @@ class Room(Part):
     model: Domain
 
     def outlines(self, plane: Plane) -> list[Outline]:
-        return [rectangle((0, 0), [self.room[d] for d in plane])]
+        return [Outline(rectangle((0, 0), [self.room[d] for d in plane]))]
 
     def handles(self, plane: Plane) -> dict[str, Point]:
         a, b = (self.model.size[d] for d in plane)
@@ -157,7 +146,7 @@ class Rectangle(Part):
 
     def outlines(self, plane: Plane) -> list[Outline]:
         corners = self._corners(plane)
-        return [rectangle(*corners)] if corners else []
+        return [Outline(rectangle(*corners))] if corners else []
 
     def handles(self, plane: Plane) -> dict[str, Point]:
         corners = self._corners(plane)
@@ -193,12 +182,8 @@ class Pane(Part):
         return [middle[d][0] - middle[d][1] for d in plane], [middle[d][0] + middle[d][1] for d in plane]
 
     def outlines(self, plane: Plane) -> list[Outline]:
-        low, high = self._sides(plane)
-        if self.model.normal in plane:
-            return [Outline(np.array([low, high], float), False)]
-        if self.model.is_disc(self.dim):
-            return [circle(pair((np.array(low) + high) / 2), (high[0] - low[0]) / 2)]
-        return [rectangle(low, high)]
+        points = self.model.outline(self.room, plane)
+        return [Outline(points, len(points) > 2)]
 
     def handles(self, plane: Plane) -> dict[str, Point]:
         handles = edges_of(*self._sides(plane))
@@ -271,13 +256,8 @@ class Wrapped(Part):
     model: Periodic
 
     def outlines(self, plane: Plane) -> list[Outline]:
-        axis = "xyz".index(self.model.axis)
-        if axis not in plane or axis >= self.dim:
-            return []
-        other = self.room[plane[1 - plane.index(axis)]]
-        ends = [(level, at) for level in (0.0, self.room[axis]) for at in (0.0, other)]
-        lines = np.array([end if plane[0] == axis else end[::-1] for end in ends])
-        return [Outline(lines[:2], False), Outline(lines[2:], False)]
+        faces = self.model.faces if self.model.faces[0].normal in plane else ()
+        return [Outline(face.outline(self.room, plane), False) for face in faces]
 
 
 # ---------------------------------------------------------------- points
@@ -294,7 +274,7 @@ class Spot(Part):
 
     def outlines(self, plane: Plane) -> list[Outline]:
         radius = vars(self.model).get("radius") or 0.02 * min(self.room[:2])
-        return [circle(at, radius) for at in self.handles(plane).values()][:1]
+        return [Outline(circle(at, radius)) for at in self.handles(plane).values()][:1]
 
     def handles(self, plane: Plane) -> dict[str, Point]:
         at, radius = vars(self.model)[self._key], vars(self.model).get("radius")
@@ -334,14 +314,14 @@ class Points(Part):
 
     def outlines(self, plane: Plane) -> list[Outline]:
         if self.places.shape[1] > max(plane):
-            discs = [circle(place[list(plane)], self.radius) for place in self.places]
+            discs = [circle(place[[*plane]], self.radius) for place in self.places]
         else:
             low, height = self.base
             discs = [
                 rectangle((x - self.radius, low), (x + self.radius, low + height)) for x in self.places[:, 0]
             ]
         ends = np.array([self._seen(end, plane) for end in self._ends.values()])
-        return [*discs, *([] if isinstance(self.model, StartAt) else [Outline(ends, False)])]
+        return [*map(Outline, discs), *([] if isinstance(self.model, StartAt) else [Outline(ends, False)])]
 
     def _seen(self, point: Sequence[float], plane: Plane) -> Point:
         return pair([point[d] if d < len(point) else self.base[0] for d in plane])

@@ -22,7 +22,7 @@ from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.grid.clearance import FAR
 from taichi_plume.grid.cut_cells import SLIVER
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.shapes import TIE, Shape
+from taichi_plume.grid.shapes import TIE, Blocks
 
 HEADER = ("env_min", "env_max", "num_cells", "cell_size")
 LARGEST = 1e9  # number of a header
@@ -101,7 +101,7 @@ def _cells(file: TextFile, shape: tuple[int, ...]) -> np.ndarray:
     return np.array(rows).reshape(shape[2], shape[0], shape[1]).transpose(1, 2, 0)
 
 
-class Cubes(Shape):
+class Cubes(Blocks):
     """Solid cubes of an occupancy grid as an obstacle's shape. origin: the domain's lower corner in the grid [m].
 
     height: for a 2-D domain, z of the horizontal section in the grid [m].
@@ -153,19 +153,24 @@ class Cubes(Shape):
             area.append(_mean(both, [None if a == d else o for a, o in enumerate(overlaps)]))
         return _mean(air, overlaps), area
 
-    def visible(self, extent: Sequence[float]) -> np.ndarray:
-        """Return the centres (n, dim) [m] of the solid cubes at the surface, for drawing, without the ceiling."""
+    def boxes(self, most: int, size: Sequence[float] = (np.inf,) * 3) -> np.ndarray:
+        """Return lower and upper corners (n, 2, dim) [m] of all solid cubes with their centre in a room of this size.
+
+        In 3-D, only the cubes at the surface count, without the ceiling.
+        """
         places = [
             low + self.size * (np.arange(n) + 0.5) for low, n in zip(self.low, self.solid.shape, strict=True)
         ]
-        within = [np.flatnonzero((x > 0.0) & (x < most)) for x, most in zip(places, extent, strict=True)]
+        within = [np.flatnonzero((x > 0.0) & (x < most)) for x, most in zip(places, size, strict=False)]
         solid = self.solid[np.ix_(*within)]
         if solid.ndim == 3:
             # solid from here to the top
             top = np.logical_and.accumulate(solid[:, :, ::-1], axis=2)[:, :, ::-1]
             solid = solid & ~(top & ~top[:, :, :1])
-        seen = np.nonzero(solid & (ndimage.binary_erosion(solid) == 0))
-        return np.stack([x[w][n] for x, w, n in zip(places, within, seen, strict=True)], axis=-1)
+            solid &= ndimage.binary_erosion(solid) == 0
+        seen = np.nonzero(solid)
+        centers = np.stack([x[w][n] for x, w, n in zip(places, within, seen, strict=True)], axis=-1)
+        return centers[:, None] + self.size * np.array([[-0.5], [0.5]])
 
 
 def overlaps_of(cells: np.ndarray, cubes: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ measured on the pixels: of the air in a cell only the largest connected part cou
 on both sides touch. Two cells then exchange air only by a path between the pixels, and even the thinnest wall is tight.
 """
 
+from collections.abc import Sequence
 from functools import cached_property
 from math import cos, pi, sin
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 
 from taichi_plume.grid.drawings import read_drawing
 from taichi_plume.grid.map_files import UNKNOWN, MapError, RosMap, read_map
-from taichi_plume.grid.shapes import TIE, Upright
+from taichi_plume.grid.shapes import TIE, Blocks, Upright
 
 FAR = 1e6  # m, distance without any wall
 SLIVER = 0.02  # smaller fractions are closed
@@ -26,7 +27,7 @@ STRAIGHT = 1e-6  # quarters of a turn: a map turned by less lies along the axes
 KNOWN = 4_000_000  # pixels: in larger maps, distances are taken to blocks of pixels
 
 
-class FloorPlan(Upright):
+class FloorPlan(Blocks, Upright):
     """Walls of an occupancy map as an obstacle; only the part in the domain is stored.
 
     solid: wall pixels, bool, axes (x, y), along the domain's; size: edge of a pixel [m]; corner: lower corner of the
@@ -150,6 +151,11 @@ class FloorPlan(Upright):
         return pixel, cell, np.diff(cuts)
 
     # ---------------------------------------------------------------- drawing
+
+    def boxes(self, most: int, size: Sequence[float] = (np.inf,) * 3) -> np.ndarray:
+        walls = self.rectangles(most).reshape(-1, 2, 2)
+        upright = np.broadcast_to([[self.base], [self.top]], (len(walls), 2, 1))
+        return np.concatenate([walls, upright], axis=2)[..., : len(self.low)]
 
     def rectangles(self, most: int) -> np.ndarray:
         """Return the walls as at most `most` rectangles (n, 4), lower and upper corner [m], coarsened if needed."""

@@ -7,7 +7,7 @@ import ctypes
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from weakref import WeakSet
 import numpy as np
 
 from taichi_plume.grid.mesh_files import MeshData, MeshError, read_mesh
+from taichi_plume.grid.outlines import Mesh, contours, faceted, silhouette
 from taichi_plume.grid.shapes import Shape, rotation
 from taichi_plume.grid.winding_number import (
     Cluster,
@@ -36,6 +37,8 @@ MOST_BODIES = (
 MOST_AT_EDGE = 100  # triangles that share an edge: more make no body, and open3d compares each with each
 WELD = 1e-5  # of the mesh's length: in a mesh with gaps, corners closer than this are joined
 SAMPLES = 1 << 15  # points, to judge a body that is not closed
+CACHED = 64  # outlines
+SECTION_NODES = 200  # per axis, to find the outline of a section
 MOST_TESTED = 50  # corners of a body that are looked for in another
 MOST_RIM = 2000  # open edges: from each point of the grid, a triangle at each is seen
 MOST_OPEN, MOST_UNDECIDED = 0.12, 0.1  # of its surface (a triangle of a cube has 0.09), and of its volume
@@ -106,11 +109,13 @@ class _Outline(_Body):
         self.edges = section(corners, z)
 
     def is_closed(self) -> bool:
-        """Return whether as many edges start as end at each point."""
-        size = WELD * max(float(np.ptp(self.edges.reshape(-1, 2), axis=0).max(initial=0.0)), 1e-300)
+        """Return whether as many edges start as end at each point; no edges are not closed."""
+        if not len(self.edges):
+            return False
+        size = WELD * max(float(np.ptp(self.edges.reshape(-1, 2), axis=0).max()), 1e-300)
         ends = np.rint(self.edges.reshape(-1, 2) / size)
         _, place = np.unique(ends, axis=0, return_inverse=True)
-        return len(ends) > 0 and not np.bincount(place.ravel(), np.tile([1, -1], len(self.edges))).any()
+        return not np.bincount(place.ravel(), np.tile([1, -1], len(self.edges))).any()
 
     def occupancy(self, points: np.ndarray) -> np.ndarray:
         return np.where(np.abs(turns(points[:, :2], self.edges)) > 0.5, 1.0, 0.0)
@@ -199,6 +204,12 @@ class Solid(Shape):
             points = _at_height(points, self._slice[0])
         return -_least(points, [body.occupancy for body in self._bodies], sign=-1.0) > 0.5
 
+    def outline(self, plane: tuple[int, int]) -> list[np.ndarray]:
+        return _outline(self, plane)
+
+    def mesh(self, size: tuple[float, float, float]) -> Mesh:
+        return faceted(self.vertices[self.triangles])
+
     def _shadow_distance(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
         """Return the distance [m] to the shadow of the bodies between two heights; negative inside it."""
         shadow = np.full(points.shape[:-1], inf)
@@ -213,6 +224,17 @@ class Solid(Shape):
             distance = _least(_at_height(points, 0.0), [_distance_to(_curtain(edges))])
             shadow = np.minimum(shadow, np.where(covered, -distance, distance))
         return shadow
+
+
+@lru_cache(CACHED)
+def _outline(solid: Solid, plane: tuple[int, int]) -> list[np.ndarray]:
+    """Return the outline of a mesh: of its projection or, in 2-D, of its section, where the distance is 0."""
+    if len(solid.low) == 3:
+        return silhouette(solid.vertices[solid.triangles][..., [*plane]])
+    pad = 0.02 * (solid.high - solid.low).max()
+    x, y = np.linspace(solid.low - pad, solid.high + pad, SECTION_NODES, axis=1)
+    lines = contours(x, y, -solid.signed_distance(np.stack(np.meshgrid(x, y), axis=-1)))
+    return lines or [solid.footprint(0)]
 
 
 @cache

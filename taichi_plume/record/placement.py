@@ -7,6 +7,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import ArrayLike
 
+from taichi_plume.grid.outlines import Mesh
 from taichi_plume.observed.planes import Plane
 from taichi_plume.time_loop import TimeLoop
 
@@ -21,6 +22,11 @@ class Stage:
     height: float
     length: float
     lift: float
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Size of the drawn room along x, y and z [m]."""
+        return self.extent[0], self.extent[1], self.height
 
     @staticmethod
     def of(sim: TimeLoop) -> "Stage":
@@ -74,12 +80,13 @@ def label(text: str, position: ArrayLike, color: tuple[int, ...]) -> rr.Points3D
     )
 
 
-def mesh(
-    vertices: np.ndarray, triangles: np.ndarray, normals: np.ndarray, color: tuple[int, ...]
-) -> rr.Mesh3D:
+def mesh(of: Mesh, color: tuple[int, ...]) -> rr.Mesh3D:
     """Return a triangle mesh of one colour as a rerun archetype."""
     return rr.Mesh3D(
-        vertex_positions=vertices, triangle_indices=triangles, vertex_normals=normals, albedo_factor=color
+        vertex_positions=of.vertices,
+        triangle_indices=of.triangles,
+        vertex_normals=of.normals,
+        albedo_factor=color,
     )
 
 

@@ -3,30 +3,25 @@
 Functions yield or return rerun archetypes; `Entities` are pairs (entity path, archetype).
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import rerun as rr
 from numpy.typing import ArrayLike
 
-from taichi_plume.files.gaden import Cubes
-from taichi_plume.grid.floor_plans import FloorPlan
-from taichi_plume.grid.meshes import Solid
-from taichi_plume.grid.shapes import Shape
+from taichi_plume.grid.shapes import Blocks, Shape
 from taichi_plume.observed.planes import Plane, Raster
 from taichi_plume.record import drawing
 from taichi_plume.record.placement import Stage, label, mesh, picture, placed
 from taichi_plume.scenario import si
 from taichi_plume.scenario.gases import AnySource
 from taichi_plume.scenario.heat import Heat
-from taichi_plume.scenario.obstacles import Cylinder, Prism, WallMap
 from taichi_plume.scenario.palette import COOL, FOUND, SOLID, SOURCE, WARM, WRONG, rgb
 from taichi_plume.scenario.vocabulary import Color
 from taichi_plume.scenario.windows import Window
 from taichi_plume.time_loop import TimeLoop
 
-MOST_BOXES = 5000  # largest number of a map's wall boxes: beyond, pixels are joined
 BODY = 0.009  # robots are drawn at least this large, over the arena's length
 ESTIMATES = {
     "estimate": drawing.VIRIDIS,
@@ -110,82 +105,16 @@ def _warmth(heat: Heat, stage: Stage) -> Entities:
         yield from _window(f"world/tempered/{n}", wall, color, False, name, stage)
 
 
-def _boxes(centers: ArrayLike, halves: ArrayLike, color: Color, **how: Any) -> rr.Boxes3D:
-    return rr.Boxes3D(centers=centers, half_sizes=halves, fill_mode="solid", colors=color, **how)
+def _boxes(centers: ArrayLike, halves: ArrayLike, color: Color) -> rr.Boxes3D:
+    return rr.Boxes3D(centers=centers, half_sizes=halves, fill_mode="solid", colors=color)
 
 
-def _solid(shape: Shape | Cubes, stage: Stage, color: Color) -> rr.AsComponents:
+def _solid(shape: Shape, stage: Stage, color: Color) -> rr.AsComponents:
     """Return the drawn shape of an obstacle; in a flat arena obstacles are as high as the walls."""
-    if isinstance(shape, Cubes):
-        centers, half = shape.visible(stage.extent), [shape.size / 2] * 3
-        if centers.shape[1] == 2:
-            centers = np.column_stack([centers, np.full(len(centers), stage.height / 2)])
-            half[2] = stage.height / 2
-        return _boxes(centers, [half], color)
-    return SOLIDS[shape.model.kind](shape, stage, color)
-
-
-def _box(shape: Shape, stage: Stage, color: Color) -> rr.Boxes3D:
-    center, size = list(shape.model.center), list(shape.model.size)
-    if len(center) == 2:
-        center, size = [*center, stage.height / 2], [*size, stage.height]
-    turns = [rr.RotationAxisAngle([0, 0, 1], degrees=shape.model.yaw_deg)]
-    return _boxes([center], [np.array(size) / 2], color, rotation_axis_angles=turns)
-
-
-def _ball(shape: Shape, stage: Stage, color: Color) -> rr.Ellipsoids3D:
-    center, half = list(shape.model.center), [shape.model.radius] * 3
-    if len(center) == 2:
-        center, half[2] = [*center, stage.height / 2], stage.height / 2
-    return rr.Ellipsoids3D(centers=[center], half_sizes=[half], fill_mode="solid", colors=color)
-
-
-def _upright(model: Cylinder | Prism | WallMap, stage: Stage) -> tuple[float, float]:
-    """Return the lower and upper end [m] of an upright obstacle; in a flat arena, of the walls."""
-    if len(stage.extent) == 2:
-        return 0.0, stage.height
-    return model.base, stage.height if model.height is None else min(stage.height, model.base + model.height)
-
-
-def _cylinder(shape: Shape, stage: Stage, color: Color) -> rr.Cylinders3D:
-    base, top = _upright(shape.model, stage)
-    return rr.Cylinders3D(
-        lengths=[top - base],
-        radii=[shape.model.radius],
-        centers=[[*shape.model.center, (base + top) / 2]],
-        fill_mode="solid",
-        colors=color,
-    )
-
-
-def _prism(shape: Shape, stage: Stage, color: Color) -> rr.Mesh3D:
-    outline = np.array(shape.model.vertices, float)
-    return mesh(*drawing.prism_mesh(outline, *_upright(shape.model, stage)), color)
-
-
-def _mesh(shape: Solid, stage: Stage, color: Color) -> rr.Mesh3D:
-    return mesh(*drawing.faceted(shape.vertices, shape.triangles), color)
-
-
-def _plan(shape: FloorPlan, stage: Stage, color: Color) -> rr.Boxes3D:
-    low, high = np.split(shape.rectangles(MOST_BOXES), 2, axis=1)
-    low, high = np.maximum(low, 0.0), np.minimum(high, stage.extent[:2])
-    base, top = _upright(shape.model, stage)
-    seen = (high > low).all(axis=1)
-    centers = np.column_stack([0.5 * (low + high)[seen], np.full(seen.sum(), 0.5 * (base + top))])
-    halves = np.column_stack([0.5 * (high - low)[seen], np.full(seen.sum(), 0.5 * (top - base))])
-    return _boxes(centers, halves, color)
-
-
-SOLIDS: dict[str, Callable[[Any, Stage, Color], rr.AsComponents]] = {
-    "box": _box,
-    "sphere": _ball,
-    "cylinder": _cylinder,
-    "prism": _prism,
-    "mesh": _mesh,
-    "map": _plan,
-}
-"""Archetype of the obstacles of each kind."""
+    if isinstance(shape, Blocks):  # boxes take a tenth of the bytes of their mesh
+        low, high = np.moveaxis(shape.boxes_in(stage.size), 1, 0)
+        return _boxes((low + high) / 2, (high - low) / 2, color)
+    return mesh(shape.mesh(stage.size), color)
 
 
 def _source(entity: str, source: AnySource, stage: Stage) -> Entities:
@@ -203,7 +132,7 @@ def _window(
     entity: str, window: Window, color: Color, combed: bool, name: str | None, stage: Stage
 ) -> Entities:
     """Yield an opening or a screen; combed: with lines across it; name: of an opening that lets air pass, else None."""
-    outline = drawing.opening(window, stage.extent, stage.height)
+    outline = np.clip(window.outline(stage.extent, height=stage.height), 0.0, stage.size)
     lines, width = [np.vstack([outline, outline[:1]])], 2.0
     if combed:
         lines += drawing.comb(window, stage.extent, stage.height)
@@ -214,7 +143,7 @@ def _window(
     triangles = [[0, i, i + 1] for i in range(1, len(outline) - 1)]
     pane = rr.Mesh3D(vertex_positions=outline, triangle_indices=triangles, albedo_factor=[*color, 45])
     yield f"{entity}/pane", pane
-    across = 0.0 < outline[:, window.normal].mean() < (*stage.extent[:2], stage.height)[window.normal]
+    across = 0.0 < outline[:, window.normal].mean() < stage.size[window.normal]
     yield f"{entity}/name", label(name, _within(outline, stage, across), color)
 
 
@@ -232,7 +161,7 @@ def _within(outline: np.ndarray, stage: Stage, near: bool) -> np.ndarray:
 def body(radius: float, height: float, color: tuple[int, ...], stage: Stage) -> rr.Mesh3D:
     """Return a robot's body, pointed in front; in large arenas it is enlarged."""
     grown = max(radius, BODY * stage.length)
-    return mesh(*drawing.robot_mesh(grown, max(height * grown / radius, 0.5 * grown)), color)
+    return mesh(drawing.robot_mesh(grown, max(height * grown / radius, 0.5 * grown)), color)
 
 
 def ghost(radius: float, color: tuple[int, ...], stage: Stage) -> rr.LineStrips3D:

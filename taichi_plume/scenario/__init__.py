@@ -11,6 +11,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "grid.floor_plans",
     "grid.map_files",
     "grid.meshes",
+    "grid.outlines",
     "grid.unresolved",
     "grid.shapes",
     "guard",

@@ -71,6 +71,13 @@ class AnyOpening(Model):
         """Whether air goes through the opening."""
         return self.blows or self.lets_out
 
+    @property
+    def direction(self) -> int:
+        """Direction of the air: 1 into the room, -1 out of the room, 0 if no air passes."""
+        if not self.passes:
+            return 0
+        return 1 if self.blows and (vars(self).get("speed") or 0.0) >= 0 else -1
+
     def top_speed(self, domain: Domain) -> float:
         """Return the largest speed [m/s] that the opening prescribes at any time; 0 if it prescribes none."""
         return 0.0

@@ -14,6 +14,7 @@ from taichi_plume.scenario.opening_base import AnyOpening, FaceOpening, Schedule
 from taichi_plume.scenario.palette import HONEYCOMB, INLET, MOVING_WALL, OUTLET, rgb
 from taichi_plume.scenario.profiles import Profile
 from taichi_plume.scenario.vocabulary import SPATIAL, Axis, Color, Model, consistency_check
+from taichi_plume.scenario.windows import Region
 
 CARRIED = 3  # cells: convection damps eddies of a shorter integral length too much
 
@@ -225,6 +226,12 @@ class Periodic(AnyOpening):
     @property
     def wraps(self) -> str:
         return self.axis
+
+    @property
+    def faces(self) -> tuple[Region, Region]:
+        """Both faces of the axis."""
+        low, high = (Region.model_validate({"face": f"{self.axis}{side}"}) for side in "-+")
+        return low, high
 
     def placement_errors(self, where: str, number: int, context: Context) -> Iterator[str]:
         if any(other.wraps == self.axis for other in context.scenario.openings[:number]):

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from taichi_plume.grid.floor_plans import FloorPlan
+from taichi_plume.grid.outlines import circle, rectangle
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, Domain, span
@@ -63,11 +64,21 @@ class Window(Model):
         size = self.size if self.size is not None else (float(self.diameter or 0.0),) * len(whole)
         return self.center, tuple(w / 2 for w in size)
 
-    def bounds(self, extent: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the lower and upper corner [m] of the window's rectangle, cut at the ends of the domain."""
+    def outline(
+        self, extent: tuple[float, ...], axes: tuple[int, ...] = (0, 1, 2), height: float = 0.0
+    ) -> np.ndarray:
+        """Return the corners (n, len(axes)) [m] of the window along these axes; seen edge on, its ends (2, 2).
+
+        height: of the walls of a 2-D domain as drawn [m].
+        """
         center, half = map(np.array, self.rectangle(extent))
-        sides = [extent[a] for a in self.along(len(extent))]
-        return np.maximum(center - half, 0.0), np.minimum(center + half, sides)
+        if self.is_disc(len(extent)):
+            flat = circle(center, half[0])
+        else:
+            flat = rectangle(np.append(center - half, 0.0)[:2], np.append(center + half, height)[:2])
+        points = np.insert(flat, self.normal, self.level(extent), axis=1)[:, [*axes]]
+        edge_on = len(axes) == 2 and self.normal in axes
+        return np.array([points.min(axis=0), points.max(axis=0)]) if edge_on else points
 
     def is_disc(self, dim: int) -> bool:
         """Return whether the window is round in a run with `dim` dimensions; in 2-D a disc is a slot."""

@@ -37,6 +37,8 @@ def test_walls_are_seen_and_ceilings_are_not():
     cubes[4, 1:4, 1] = 1
     cubes[0] = 1  # outside the domain
     shape = Cubes(Occupancy(Path("o.csv"), np.zeros(3), 0.5, cubes), 3, np.array([0.5, 0.0, 0.5]), 0.0)
-    seen = np.round(shape.visible((3.0, 3.0, 2.0)) / 0.5 - 0.5).astype(int)
+    boxes = shape.boxes(0, (3.0, 3.0, 2.0))
+    np.testing.assert_allclose(boxes[:, 1] - boxes[:, 0], 0.5)
+    seen = np.round(boxes[:, 0] / 0.5).astype(int)
     wall = [(1, y, z) for y in range(6) for z in range(4)]
     assert sorted(map(tuple, seen)) == sorted([*wall, (3, 1, 0), (3, 2, 0), (3, 3, 0)])

@@ -427,6 +427,15 @@ def test_in_2d_walls_need_to_be_closed_only_at_the_section(tmp_path):
         shape(Mesh(kind="mesh", file=cut, section=0.6), FLOOR, tmp_path)
 
 
+def test_in_2d_a_body_with_a_hole_may_lie_above_the_section(tmp_path):
+    low = box_triangles((1, 1, 0), (2, 2, 0.4))
+    above = fine((2.2, 1, 0.5), (3, 2, 0.9), 4)[1:]
+    file = write_stl(tmp_path / "two.stl", np.concatenate([low, above]))
+    one = shape(Mesh(kind="mesh", file=file, section=0.2), FLOOR, tmp_path)
+    p = random_points(dim=2)
+    np.testing.assert_array_equal(one.inside(p), ((p > 1) & (p < 2)).all(axis=1))
+
+
 @pytest.mark.parametrize("missing", range(12))
 def test_a_box_with_a_missing_triangle_is_the_box(tmp_path, missing):
     low, high = np.array([1.0, 1.0, 0.1]), np.array([1.8, 1.7, 0.7])

@@ -4,29 +4,11 @@ import numpy as np
 import pytest
 
 from taichi_plume.record import drawing
-from taichi_plume.scenario.openings import Fan
 
 
 def volume(vertices: np.ndarray, triangles: np.ndarray) -> float:
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
-
-
-@pytest.mark.parametrize(
-    ("outline", "expected"),
-    [
-        ([[0, 0], [2, 0], [2, 1], [0, 1]], 2.0),
-        ([[0, 1], [2, 1], [2, 0], [0, 0]], 2.0),  # clockwise
-        ([[0, 0], [2, 0], [2, 2], [1, 2], [1, 1], [0, 1]], 3.0),  # an L
-        ([[0, 0], [4, 0], [4, 3], [2, 0.5], [0, 3]], 7.0),  # a notch
-    ],
-)
-def test_prism_is_closed_and_has_its_volume(outline, expected):
-    vertices, triangles, normals = drawing.prism_mesh(np.array(outline, float), 0.5, 2.0)
-    assert volume(vertices, triangles) == pytest.approx(1.5 * expected)
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    faces = np.cross(b - a, c - a)
-    assert np.all(np.einsum("ij,ij->i", faces, normals[triangles[:, 0]]) > 0)
 
 
 def test_robot_points_along_x_and_covers_its_disc():
@@ -57,10 +39,3 @@ def framed(extent: tuple[float, ...], aspect: float, elevation: float) -> float:
     high = np.abs((corners - position) @ up / depth).max() / half
     wide = np.abs((corners - position) @ right / depth).max() / half / aspect
     return max(high, wide)
-
-
-def test_fan_lies_on_its_face():
-    region = Fan(kind="fan", face="x-", center=(1.5, 0.25), diameter=0.4, speed=1.0)
-    outline = drawing.opening(region, (4.0, 3.0, 0.5), 0.5)
-    assert np.all(outline[:, 0] == 0)
-    assert np.hypot(outline[:, 1] - 1.5, outline[:, 2] - 0.25) == pytest.approx(0.2)
