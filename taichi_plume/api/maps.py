@@ -62,8 +62,8 @@ def maps(
 
     bag: how a ROS bag is read, by the keys gas, pose and wind (lists of topics), reading (numbers in messages of any
     type, such as ``["/enose.data[0]"]``), frame, sensor, units, model, air and upwind; `origin` is a position in that
-    frame. out: folder for map.csv, map.png and scores.json; by default nothing is written. force: replace an earlier
-    map there.
+    frame. out: folder for map.csv, map.png and scores.json; by default nothing is written. force: rename the folder of
+    an earlier map to `out`.old.
 
     All readings count unless the map's parameters limit their age. Raises InputError (ReadingsError, ScenarioError,
     RunFolderError), whose lines name the options of the command, and OSError.
