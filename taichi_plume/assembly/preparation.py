@@ -4,6 +4,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from taichi_plume.assembly import file_checks
 from taichi_plume.assembly.resources import OPENERS, Resources
 from taichi_plume.files.bundled import file_or_example
 from taichi_plume.files.conventions import FileFacts
@@ -151,9 +152,9 @@ def checked(
     faults = checks.early_errors(scenario)
     if not faults:
         prepared = prepare(scenario, folder, allow_outside, named, known)
-        faults = checks.errors(*prepared)
+        faults = file_checks.errors(prepared.resources)
         if not faults:
-            prepared.resources.warnings += checks.warnings(*prepared)
+            prepared.resources.warnings += file_checks.warnings(prepared.resources)
             return prepared
     raise ScenarioError(faults)
 

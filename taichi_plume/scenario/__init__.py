@@ -2,12 +2,7 @@
 
 MAY_IMPORT: tuple[str, ...] = (
     "assembly.preparation",  # this and `report` by methods of Scenario alone, when they are called
-    "assembly.resources",  # this and `files` for types alone
     "files.disk",
-    "files.trajectories",
-    "files.film",
-    "files.gaden",
-    "files.wind_site",
     "grid.floor_plans",
     "grid.map_files",
     "grid.meshes",
