@@ -129,6 +129,7 @@ def __getattr__(name: str) -> object:
         return import_module("taichi_plume.envs")
     if name not in _MODULES:
         raise AttributeError(f"module 'taichi_plume' has no attribute '{name}'")
+    import_module("taichi_plume.api.scenario")  # attaches the methods of Scenario
     return getattr(import_module(f"taichi_plume.{_MODULES[name]}"), name)
 
 

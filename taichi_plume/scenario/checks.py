@@ -1,6 +1,7 @@
 """Checks of a whole scenario: errors and warnings of all sections, and the positions in the room that these concern."""
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,25 @@ from taichi_plume.scenario.size import too_large
 from taichi_plume.scenario.starts import StartArea
 from taichi_plume.scenario.vocabulary import Model, sections
 from taichi_plume.scenario.windows import Window
+
+
+class Check(NamedTuple):
+    """Result of the checks of a scenario. Without errors it can be run, and `size` and `derived` are known.
+
+    errors, warnings: lines "key: message". size: estimates for a run: `cells`, `bytes` of memory, `disk` [bytes],
+    `steps` of the flow, their length `step` [s], and `wall_s` on a few CPU cores. derived: texts on quantities that
+    follow from the scenario, such as Reynolds numbers, by name.
+    """
+
+    errors: list[str]
+    warnings: list[str]
+    size: dict[str, float]
+    derived: dict[str, str]
+
+    def __bool__(self) -> bool:
+        """Whether there are no errors."""
+        return not self.errors
+
 
 FIRST = ("obstacles", "gas", "arena", "robots", "wind")  # these come first in messages
 ORDER = (*FIRST, *(key for key in Scenario.model_fields if key not in FIRST))
