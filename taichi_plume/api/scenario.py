@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from taichi_plume.assembly import preparation
 from taichi_plume.files.disk import written_whole
 from taichi_plume.guard.safe_open import as_path
 from taichi_plume.scenario.checks import Check
@@ -31,7 +30,9 @@ def from_file(cls: type[Scenario], path: str | Path, overrides: Overrides = ()) 
     >>> scenario.domain.spacing
     0.05
     """
-    return preparation.read(path, overrides)
+    from taichi_plume.assembly.preparation import read
+
+    return read(path, overrides)
 
 
 def from_dict(cls: type[Scenario], data: Mapping[str, object], folder: str | Path = ".") -> Scenario:
@@ -39,7 +40,9 @@ def from_dict(cls: type[Scenario], data: Mapping[str, object], folder: str | Pat
 
     folder: folder of the files that it names.
     """
-    return preparation.read(data, folder=folder)
+    from taichi_plume.assembly.preparation import read
+
+    return read(data, folder=folder)
 
 
 def to_yaml(scenario: Scenario, path: str | Path | None = None, defaults: bool = False) -> str:
@@ -65,6 +68,8 @@ def check(scenario: Scenario, allow_outside: bool = False) -> Check:
     >>> bool(check), int(check.size["cells"])
     (True, 7500)
     """
+    from taichi_plume.assembly import preparation
+
     return preparation.check(scenario, allow_outside)
 
 
@@ -80,10 +85,11 @@ def plot(
     ax: axes of a figure of yours for the view from above; figsize: width and height of a new figure [inches].
     Raises ScenarioError if the scenario has errors, and InputError if the figure would be too small.
     """
+    from taichi_plume.assembly.preparation import load
     from taichi_plume.report.scene import checked_figure
     from taichi_plume.report.theme import Place
 
-    return checked_figure(preparation.load(scenario, (), allow_outside), place=Place.of(ax, figsize))
+    return checked_figure(load(scenario, (), allow_outside), place=Place.of(ax, figsize))
 
 
 def notebook(scenario: Scenario) -> str:
