@@ -14,13 +14,13 @@ from taichi_plume.files.bag_readings import BagOptions
 from taichi_plume.files.readings import ReadingsError, read
 from taichi_plume.files.run_folder import is_run
 from taichi_plume.guard.safe_open import as_path
+from taichi_plume.quantities import Number
 from taichi_plume.results.recorded_maps import GasMap, map_folder, map_of
 from taichi_plume.results.run import Run
 from taichi_plume.results.tracks import ABOVE
 from taichi_plume.scenario import si
 from taichi_plume.scenario.loading import load_part
 from taichi_plume.scenario.maps import Map
-from taichi_plume.scenario.quantities import Number
 
 if TYPE_CHECKING:
     import pandas

@@ -14,7 +14,6 @@ from typing import Any, Self
 
 import yaml
 
-from taichi_plume import __version__
 from taichi_plume.engine.choice import DEFAULT, ENGINES, chosen
 from taichi_plume.files import disk
 from taichi_plume.files.own_folder import LOCK, FolderLock, link_in
@@ -27,6 +26,7 @@ from taichi_plume.scenario.input_files import input_files, outside
 from taichi_plume.scenario.own_code import OwnCode
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Model
+from taichi_plume.version import __version__
 
 FILES = (
     "scenario.yaml",

@@ -9,9 +9,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from taichi_plume import __version__
 from taichi_plume.files.disk import written_whole
 from taichi_plume.guard.terminal import visible
+from taichi_plume.version import __version__
 
 TEMPLATE = Path(__file__).with_name("page.html")
 NO_BREAK = "\u00a0"

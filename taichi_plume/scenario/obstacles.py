@@ -11,10 +11,10 @@ from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.meshes import Solid
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.grid.unresolved import SAMPLES, missed
+from taichi_plume.quantities import conversion
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, Domain, span
 from taichi_plume.scenario.motion import Motion
-from taichi_plume.scenario.quantities import conversion
 from taichi_plume.scenario.vocabulary import SHAPE, FileName, Model
 
 TOO_LARGE = 10  # times the domain: a larger body is probably in another unit

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self
 import numpy as np
 from pydantic import ConfigDict, Field, field_validator
 
+from taichi_plume.quantities import fault
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Arena, Context, Domain
 from taichi_plume.scenario.gases import AnySource, Gas, PureGas
@@ -22,7 +23,6 @@ from taichi_plume.scenario.openings import Opening
 from taichi_plume.scenario.outputs import Checkpoint, Fields, Forces, PlumeLog, Recording
 from taichi_plume.scenario.policy import Policy
 from taichi_plume.scenario.probes import Probes
-from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.screens import AnyScreen
 from taichi_plume.scenario.starts import too_close

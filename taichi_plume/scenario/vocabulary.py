@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args, get_o
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
-from taichi_plume.scenario.quantities import fault
+from taichi_plume.quantities import fault
 from taichi_plume.scenario.suggestions import meant_key
 
 if TYPE_CHECKING:
