@@ -16,7 +16,7 @@ from taichi_plume.agents.columns import Columns, Rows
 from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.files.trajectories import Way
+from taichi_plume.files.trajectories import Way, begin_of, chosen
 from taichi_plume.scenario.external import Replay
 
 WAITING, REPLAYED, ENDED = range(3)
@@ -39,8 +39,8 @@ class ReplayAlgorithm:
         self._ordered = Rows(swarm, ordered, group.start, group.size)
         self._told = Rows(swarm, (Columns.measured,), group.start, group.size)
         model = cast(Replay, group.model.algorithm)
-        self.chosen = model.chosen(ways, group.count)
-        self.zero = model.begin_of(self.chosen)
+        self.chosen = chosen(model, ways, group.count)
+        self.zero = begin_of(model, self.chosen)
         self.sums = np.zeros((group.size, len(SUMS)))
         self._order(0.0, tick)
 

@@ -26,6 +26,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from taichi_plume.version import __version__ as __version__
+
 # In a checkout the packages solvers, agents and validation lie beside this folder; in a wheel, inside it.
 if not (Path(__file__).parent / "solvers").is_dir():
     __path__.append(str(Path(__file__).parents[1]))
@@ -75,7 +77,6 @@ if TYPE_CHECKING:
     from taichi_plume.studies.results import open_study
     from taichi_plume.time_loop import UnstableError
 
-__version__ = "0.2.0.dev0"
 __all__ = [
     "InputError",
     "Own",
@@ -129,6 +130,7 @@ def __getattr__(name: str) -> object:
         return import_module("taichi_plume.envs")
     if name not in _MODULES:
         raise AttributeError(f"module 'taichi_plume' has no attribute '{name}'")
+    import_module("taichi_plume.api.scenario")  # attaches the methods of Scenario
     return getattr(import_module(f"taichi_plume.{_MODULES[name]}"), name)
 
 

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
-from taichi_plume import __version__
 from taichi_plume.execution.signals import leave
 from taichi_plume.guard.terminal import Parser
+from taichi_plume.version import __version__
 
 COMMANDS = {
     "run": "run a scenario, or only check it; resume an interrupted run",

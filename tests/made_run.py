@@ -9,10 +9,10 @@ import pyarrow.parquet as pq
 import rerun as rr
 import yaml
 
+from taichi_plume import Scenario
 from taichi_plume.execution.result import write_result
 from taichi_plume.files.run_folder import write_scenario
 from taichi_plume.record.drawing import rows
-from taichi_plume.scenario.scenario import Scenario
 
 LOW, HIGH = 0.1, 1000.0
 TIMES = np.arange(-1.0, 10.01, 0.5)

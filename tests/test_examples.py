@@ -52,7 +52,7 @@ def test_kinds_are_distinguished(name, kind):
 def test_in_a_wheel_the_files_lie_inside_the_package(tmp_path, monkeypatch):
     (tmp_path / "configs/live").mkdir(parents=True)
     (tmp_path / "configs/live/room.yaml").touch()
-    monkeypatch.setattr(bundled, "roots", [str(tmp_path)])
+    monkeypatch.setattr(bundled, "ROOTS", [tmp_path])
     assert names() == ["live/room"]
     assert path_of("live/room") == tmp_path / "configs/live/room.yaml"
 

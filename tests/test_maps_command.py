@@ -104,14 +104,13 @@ def test_what_lies_in_the_folder_is_kept_unless_by_force(tmp_path, capsys):
     command = [str(path), "--size", "1", "1", "--out", str(out)]
     coarse = ["--map", "{kind: time_series, cell: 0.5}"]
     assert maps.main(command) == 0
-    (out / "robots.parquet").touch()
     before = (out / "map.csv").read_bytes()
     assert maps.main([*command, *coarse]) == 2
     assert "is not empty; choose another --out or add --force" in capsys.readouterr().err
     assert (out / "map.csv").read_bytes() == before
     assert maps.main([*command, *coarse, "--force"]) == 0
     assert (out / "map.csv").read_bytes() != before
-    assert (out / "robots.parquet").exists(), "what is no map is none of our business"
+    assert (tmp_path / "out.old" / "map.csv").read_bytes() == before
     for wrong in (path, path / "out"):
         capsys.readouterr()
         assert maps.main(["missing.csv", "--size", "1", "1", "--out", str(wrong)]) == 2

@@ -12,6 +12,7 @@ from scripts import read_result
 from taichi_plume.assembly import assemble
 from taichi_plume.cli import run
 from taichi_plume.engine import program
+from taichi_plume.execution import robots_table
 from taichi_plume.files import disk
 from taichi_plume.grid import fields
 from taichi_plume.time_loop import Every, UnstableError
@@ -150,6 +151,7 @@ def test_its_air_can_be_played_back(scenario):
     assert run.main(["again/scenario.yaml", "--check", "--allow-outside"]) == 0
     assert run.main([*first, "--force"]) == 0
     assert not Path("first/fields.zarr").exists()
+    assert Path("first.old/fields.zarr").exists()
 
 
 @pytest.mark.parametrize(
@@ -247,6 +249,17 @@ def test_full_disk_is_reported(scenario, fake, monkeypatch, capsys):
     assert read_result(folder)["status"] == "disk_full"
     assert "disk is full" in capsys.readouterr().err
     rr.chunk.RrdReader(str(folder / "recording.rrd")).recordings()
+
+
+def test_a_run_that_cannot_create_its_files_leaves_the_reason(scenario, fake, monkeypatch, capsys):
+    """And the earlier run under its new name."""
+    assert run.main([str(scenario), "--out", "out", "--quiet"]) == 0
+    full = OSError(28, "No space left on device")
+    monkeypatch.setattr(robots_table.RobotTable, "start", lambda _: fails(full)())
+    assert run.main([str(scenario), "--out", "out", "--quiet", "--force"]) == 1
+    assert "the earlier run is now out.old\ndisk_full: " in capsys.readouterr().err
+    assert read_result(Path("out"))["status"] == "disk_full"
+    assert read_result(Path("out.old"))["status"] == "completed"
 
 
 def test_all_found_is_stopped(scenario, fake, monkeypatch):

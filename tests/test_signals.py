@@ -97,7 +97,7 @@ def test_signals_while_a_run_ends_do_not_disturb_it(started, monkeypatch, where,
 
 @pytest.mark.parametrize("where", ["start", "_write_progress"])
 def test_a_signal_while_files_are_begun_waits_for_a_tick(started, monkeypatch, where):
-    """The earlier run has made room: ended at once, neither of the two would be there."""
+    """The new run has its folder already."""
     monkeypatch.setattr(outputs.Outputs, where, before(getattr(outputs.Outputs, where), signal.SIGTERM))
     assert started() == 130
     assert status() == "interrupted"

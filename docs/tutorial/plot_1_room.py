@@ -103,9 +103,9 @@ terminal("python -m taichi_plume.run room.yaml --out runs/air --force")
 # That was the whole run: the flow was solved for 40 seconds, of which the first 20 were a warm-up, and the ethanol was
 # advected. ``unaccounted for`` is the mass balance: gas that is neither in the room nor blown out.
 #
-# ``--out`` names the folder of the run; the default is ``runs/room-1``, then ``runs/room-2``. ``--force`` replaces the
-# files of an earlier run. The folder holds a recording, which ``rerun runs/air/recording.rrd`` plays and rewinds, and
-# ``report.html`` for your browser. A picture for your talk:
+# ``--out`` names the folder of the run; the default is ``runs/room-1``, then ``runs/room-2``. ``--force`` renames the
+# folder of an earlier run to ``runs/air.old``. The folder holds a recording, which ``rerun runs/air/recording.rrd``
+# plays and rewinds, and ``report.html`` for your browser. A picture for your talk:
 
 terminal("python -m taichi_plume.picture runs/air --at 20 --out air.png")
 

@@ -7,7 +7,6 @@ MAY_IMPORT: tuple[str, ...] = (
     "execution",
     "files",
     "fluctuations",
-    "grid",
     "guard",
     "report",
     "results",

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from taichi_plume import __version__
 from taichi_plume.assembly.preparation import Source, read
 from taichi_plume.files.run_folder import is_run, read_json
 from taichi_plume.report.references import bibtex
 from taichi_plume.results.run import Run, open_run
+from taichi_plume.version import __version__
 
 
 def cite(source: Run | Source) -> str:

@@ -14,13 +14,13 @@ from taichi_plume.files.bag_readings import BagOptions
 from taichi_plume.files.readings import ReadingsError, read
 from taichi_plume.files.run_folder import is_run
 from taichi_plume.guard.safe_open import as_path
+from taichi_plume.quantities import Number
 from taichi_plume.results.recorded_maps import GasMap, map_folder, map_of
 from taichi_plume.results.run import Run
 from taichi_plume.results.tracks import ABOVE
 from taichi_plume.scenario import si
 from taichi_plume.scenario.loading import load_part
 from taichi_plume.scenario.maps import Map
-from taichi_plume.scenario.quantities import Number
 
 if TYPE_CHECKING:
     import pandas
@@ -62,8 +62,8 @@ def maps(
 
     bag: how a ROS bag is read, by the keys gas, pose and wind (lists of topics), reading (numbers in messages of any
     type, such as ``["/enose.data[0]"]``), frame, sensor, units, model, air and upwind; `origin` is a position in that
-    frame. out: folder for map.csv, map.png and scores.json; by default nothing is written. force: replace an earlier
-    map there.
+    frame. out: folder for map.csv, map.png and scores.json; by default nothing is written. force: rename the folder of
+    an earlier map to `out`.old.
 
     All readings count unless the map's parameters limit their age. Raises InputError (ReadingsError, ScenarioError,
     RunFolderError), whose lines name the options of the command, and OSError.

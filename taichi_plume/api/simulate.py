@@ -28,9 +28,9 @@ def simulate(
     scenario: YAML file, name of a bundled scenario, dict with the keys of a file, or `Scenario`. overrides: changes
     such as ``{"robots.0.count": 6}``, or as texts, ``["robots.0.count=6"]``. duration [s]: instead of the scenario's,
     as `seed`. out: the run's folder, by default the first free runs/NAME-N. arch: auto, cpu, cuda, vulkan or metal.
-    force: replace an earlier run in `out`. progress: whether to show a progress bar; by default in a notebook and at a
-    terminal. allow_code: whether Python files that the scenario names are executed. allow_outside: whether its files
-    may lie outside its folder.
+    force: rename the folder of an earlier run to `out`.old, `out`.old-2 and so on. progress: whether to show a progress
+    bar; by default in a notebook and at a terminal. allow_code: whether Python files that the scenario names are
+    executed. allow_outside: whether its files may lie outside its folder.
 
     Raises InputError (ScenarioError, RunFolderError, DeviceError) before anything is written, RunError if the run did
     not reach its end, and KeyboardInterrupt; the files written so far are kept, and the message names them.

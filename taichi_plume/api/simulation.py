@@ -21,12 +21,12 @@ from taichi_plume.observed.observer import Observer
 from taichi_plume.observed.planes import cells_of
 from taichi_plume.observed.quantities import quantities, wind
 from taichi_plume.observed.views import View, views
+from taichi_plume.quantities import Number
 from taichi_plume.scenario import si
 from taichi_plume.scenario.changes import shown
 from taichi_plume.scenario.comparison import differences_at_start
 from taichi_plume.scenario.loading import Overrides, ScenarioError, load_part, of_python
 from taichi_plume.scenario.outputs import Fields
-from taichi_plume.scenario.quantities import Number
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.time_loop import Every, TimeLoop
 

@@ -10,11 +10,11 @@ from taichi_plume.fluctuations.computation import statistics_of
 from taichi_plume.fluctuations.result import Statistics
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import as_path
+from taichi_plume.quantities import Number
 from taichi_plume.results.run import Run
 from taichi_plume.scenario import si
 from taichi_plume.scenario.changes import shown
 from taichi_plume.scenario.loading import load_part
-from taichi_plume.scenario.quantities import Number
 from taichi_plume.scenario.sensors import GasSensor, IdealGasSensor, MoxSensor, PidSensor
 
 SENSOR = Annotated[MoxSensor | PidSensor | IdealGasSensor, Field(discriminator="kind")]

@@ -4,6 +4,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from taichi_plume.assembly import file_checks
 from taichi_plume.assembly.resources import OPENERS, Resources
 from taichi_plume.files.bundled import file_or_example
 from taichi_plume.files.conventions import FileFacts
@@ -12,6 +13,7 @@ from taichi_plume.grid.meshes import Solid
 from taichi_plume.grid.shapes import ShapeError
 from taichi_plume.guard.safe_open import as_path, gate
 from taichi_plume.scenario import checks
+from taichi_plume.scenario.checks import Check
 from taichi_plume.scenario.input_files import given, input_files, strangers
 from taichi_plume.scenario.loading import Overrides, ScenarioError, overridden, read_scenario
 from taichi_plume.scenario.scenario import Origin, Scenario
@@ -29,31 +31,13 @@ class Prepared(NamedTuple):
     resources: Resources
 
 
-class Check(NamedTuple):
-    """Result of the checks of a scenario. Without errors it can be run, and `size` and `derived` are known.
-
-    errors, warnings: lines "key: message". size: estimates for a run: `cells`, `bytes` of memory, `disk` [bytes],
-    `steps` of the flow, their length `step` [s], and `wall_s` on a few CPU cores. derived: texts on quantities that
-    follow from the scenario, such as Reynolds numbers, by name.
-    """
-
-    errors: list[str]
-    warnings: list[str]
-    size: dict[str, float]
-    derived: dict[str, str]
-
-    @classmethod
-    def of(cls, source: Source, allow_outside: bool = False) -> "Check":
-        """Check a scenario, see `load`."""
-        try:
-            scenario, resources = load(source, (), allow_outside)
-        except ScenarioError as error:
-            return cls(error.faults, [], {}, {})
-        return cls([], resources.warnings, estimate(scenario), dict(derived(scenario)))
-
-    def __bool__(self) -> bool:
-        """Whether there are no errors."""
-        return not self.errors
+def check(source: Source, allow_outside: bool = False) -> Check:
+    """Check a scenario, see `load`."""
+    try:
+        scenario, resources = load(source, (), allow_outside)
+    except ScenarioError as error:
+        return Check(error.faults, [], {}, {})
+    return Check([], resources.warnings, estimate(scenario), dict(derived(scenario)))
 
 
 def load_scenario(
@@ -151,9 +135,9 @@ def checked(
     faults = checks.early_errors(scenario)
     if not faults:
         prepared = prepare(scenario, folder, allow_outside, named, known)
-        faults = checks.errors(*prepared)
+        faults = file_checks.errors(prepared.resources)
         if not faults:
-            prepared.resources.warnings += checks.warnings(*prepared)
+            prepared.resources.warnings += file_checks.warnings(prepared.resources)
             return prepared
     raise ScenarioError(faults)
 

@@ -16,6 +16,7 @@ from taichi_plume.files.point_frames import PointFileError, PointFrames, frames_
 from taichi_plume.files.ros_robots import MapFrame
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario.algorithms import Own
+from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.external import Replay
 from taichi_plume.scenario.gases import PlaybackGas, PureGas
 from taichi_plume.scenario.imported_wind import ImportedWind
@@ -115,6 +116,11 @@ class Resources:
         given = None if section.file else CLASSES.get(section.name or "")
         code = self.own.get(path, given)
         return code if isinstance(code, type) != isinstance(section, OwnLaw) else None
+
+    @property
+    def context(self) -> Context:
+        """Data for the checks of sections."""
+        return Context(self.scenario, self.shapes)
 
     @property
     def obstacles(self) -> list[Shape]:

@@ -8,7 +8,6 @@ MAY_IMPORT: tuple[str, ...] = (
     "engine",
     "envs",
     "files",
-    "grid",
     "guard",
     "record",
     "report",
@@ -16,6 +15,5 @@ MAY_IMPORT: tuple[str, ...] = (
     "execution",
     "scenario",
     "serve",
-    "fluctuations",
     "studies",
 )

@@ -73,7 +73,7 @@ def _options(end: str) -> _Parser:
     what = "lower corner of the floor [m], from which the map's own places count (default: 0 0)"
     parser.add_argument("--origin", **place, default=(0.0, 0.0), help=what)
     add(parser, "--out", required=True, help="the map's folder")
-    add(parser, "--force", help="replace an earlier map in --out")
+    add(parser, "--force", help="rename the folder of an earlier map to OUT.old")
     option(parser, "--trial", whole_number(0, 10**6), "N", "number of the trial (default: the first)")
     option(parser, "--group", str, "NAME", "group, in a bag a robot (default: all robots of the trial)")
     what = "a source [m], to score the peak; may be repeated (default: those of the run)"

@@ -49,7 +49,7 @@ OPTIONS: dict[str, Keywords] = {
     "--no-recording": _FLAG | {"help": "write no recording.rrd"},
     "--no-report": _FLAG | {"help": "write no report.html"},
     "--quiet": _FLAG | {"help": "print errors only"},
-    "--force": _FLAG | {"help": "replace an earlier run in --out"},
+    "--force": _FLAG | {"help": "rename the folder of an earlier run to OUT.old"},
     "--retry": _FLAG | {"help": "repeat failed runs"},
     "--allow-code": _FLAG | {"help": "execute Python files that the scenario names (kind: own)"},
     "--allow-outside": _FLAG | {"help": "read files that lie outside the scenario's folder"},

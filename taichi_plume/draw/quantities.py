@@ -5,7 +5,7 @@ from typing import Any
 
 from pydantic_core import PydanticCustomError
 
-from taichi_plume.scenario.quantities import parse
+from taichi_plume.quantities import parse
 
 ROUNDED = 1e-3  # m, degrees, s
 _UNIT = "m"

@@ -4,11 +4,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from taichi_plume import __version__
 from taichi_plume.engine.choice import chosen
 from taichi_plume.execution.outputs import OVER, scenario_digest
 from taichi_plume.files import checkpoint, manifest
 from taichi_plume.files.run_folder import RunFolderError, read_json
+from taichi_plume.version import __version__
 
 
 def saved(folder: Path) -> dict[str, Any]:

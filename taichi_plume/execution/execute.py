@@ -148,8 +148,8 @@ def new_run(
 ) -> Outcome:
     """Execute a checked scenario into a run folder, `out` or the first free runs/NAME-N. Raises as `run`.
 
-    force: replace an earlier run. live: show the recording in a viewer. ask: ask at a terminal whether the scenario's
-    Python files may be executed, unless `allow_code`. For the others see `Job`.
+    force: rename the folder of an earlier run. live: show the recording in a viewer. ask: ask at a terminal whether
+    the scenario's Python files may be executed, unless `allow_code`. For the others see `Job`.
     """
     own_code.execute(prepared, allow_code, ask)
     backend = program.start(arch)
@@ -193,7 +193,7 @@ def _build(job: Job) -> TimeLoop:
 
 
 def _begin(job: Job, sim: TimeLoop, signals: SignalRequests) -> Outputs:
-    """Create the output files, or resume them; an earlier run is removed only after all new files were created."""
+    """Prepare the output files, or resume them. An earlier run is renamed just before the first file is written."""
     folder = job.folder
     about = About(folder.path, job.arch, job.backend, job.recording, inputs_of(job.prepared), job.live)
     outputs = Outputs(sim, about, signals)
@@ -201,17 +201,9 @@ def _begin(job: Job, sim: TimeLoop, signals: SignalRequests) -> Outputs:
     if job.saved is not None:
         outputs.resume(job.saved)
         return outputs
-    folder.clear()
-    stands = False
-    try:
-        source = job.prepared.scenario.origin.folder
-        run_folder.write_scenario(folder.path, sim.scenario, source.resolve(), job.backend)
-        outputs.start()
-        stands = True
-    finally:
-        if not stands:
-            outputs.close()
-        folder.settle(stands)
+    folder.start()
+    source = job.prepared.scenario.origin.folder
+    run_folder.write_scenario(folder.path, sim.scenario, source.resolve(), job.backend)
     return outputs
 
 
@@ -219,7 +211,7 @@ def _to_the_end(job: Job, sim: TimeLoop, outputs: Outputs, signals: SignalReques
     """Run the simulation to its end and close all files; return status, message and exit code, also of errors."""
     try:
         signals.hasty = True
-        end = _run(job, sim, signals, bar)
+        end = _run(job, sim, outputs, signals, bar)
         signals.hasty = False
     except KeyboardInterrupt as error:  # a second signal, after a first one has ended the run
         end = _interrupted(sim, error)
@@ -232,10 +224,12 @@ def _to_the_end(job: Job, sim: TimeLoop, outputs: Outputs, signals: SignalReques
     return end
 
 
-def _run(job: Job, sim: TimeLoop, signals: SignalRequests, bar: Bar | None) -> End:
+def _run(job: Job, sim: TimeLoop, outputs: Outputs, signals: SignalRequests, bar: Bar | None) -> End:
     """Run the simulation, and return how it ended; a failure or an interruption is returned, not raised."""
     try:
         with ExitStack() as stack:
+            if job.saved is None:
+                outputs.start()
             if bar is not None:
                 bar.begin(sim)
                 sim.observers.append(Every(sim.dt, bar.update, warm_up=True))

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume import __version__
 from taichi_plume.files import disk
 from taichi_plume.files.film import GAS, VELOCITIES
 from taichi_plume.files.film_writer import NewFilm
@@ -17,6 +16,7 @@ from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.sources import Source
 from taichi_plume.scoring.declarations import Json
 from taichi_plume.time_loop import Every, TimeLoop
+from taichi_plume.version import __version__
 
 
 class Filming:

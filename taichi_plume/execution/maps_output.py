@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume import __version__
 from taichi_plume.files import disk, maps_file
 from taichi_plume.files.film import BACKGROUND
 from taichi_plume.scoring.beliefs import GroupBeliefs, beliefs
 from taichi_plume.scoring.declarations import Json
 from taichi_plume.scoring.maps import MapScores, MapSeries
 from taichi_plume.time_loop import TimeLoop, Uncertain
+from taichi_plume.version import __version__
 
 
 class MapsFile:

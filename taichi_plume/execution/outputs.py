@@ -7,7 +7,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from taichi_plume import __version__
 from taichi_plume.agents.own_algorithm import OwnAlgorithm
 from taichi_plume.engine.choice import chosen
 from taichi_plume.execution import forces_table, maps_output, result, robots_table
@@ -27,6 +26,7 @@ from taichi_plume.scoring.beliefs import BeliefScores
 from taichi_plume.scoring.declarations import Json
 from taichi_plume.scoring.maps import MapScores
 from taichi_plume.time_loop import Every, EveryStep, TimeLoop
+from taichi_plume.version import __version__
 
 FLUSH_PERIOD = 10.0  # wall-clock time [s] between flushes
 USUAL = 300.0  # wall-clock time [s] between checkpoints

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume import __version__
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.engine.choice import chosen
 from taichi_plume.files.disk import written_whole
@@ -20,6 +19,7 @@ from taichi_plume.scoring.beliefs import BeliefScores
 from taichi_plume.scoring.declarations import Json
 from taichi_plume.scoring.maps import NAMES, MapScores, MapSeries
 from taichi_plume.time_loop import TimeLoop
+from taichi_plume.version import __version__
 
 
 def result(

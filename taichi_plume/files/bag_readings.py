@@ -23,9 +23,9 @@ from taichi_plume.files.bag_topics import GAS, WINDS, chosen, measured_poses, ro
 from taichi_plume.files.bags import Bag, BagError, Sample, Series, confined, opened, stamp_of
 from taichi_plume.files.conventions import is_missing, split_unit
 from taichi_plume.files.tables import listed
+from taichi_plume.quantities import SCALES, conversion
 from taichi_plume.scenario import si
 from taichi_plume.scenario.metal_oxides import MOX_MODELS, MoxName
-from taichi_plume.scenario.quantities import SCALES, conversion
 
 Units = Literal["ppm", "ppb", "ohm"]
 """Units of gas that the user may give; a resistance is converted by the law of its sensor."""

@@ -12,10 +12,10 @@ from itertools import takewhile
 from pathlib import Path
 from typing import NamedTuple
 
-from taichi_plume import __path__ as roots
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.suggestions import nearest
 
+ROOTS = Path(__file__).parents[1:3]  # folders that can hold configs and examples: in a wheel, in a checkout
 KINDS = {"study": r"^base:", "task": r"^task:", "live": r"\bkind: external\b", "scenario": ""}
 """Kinds of YAML files, each with the regular expression that distinguishes the kind from those after it."""
 TIME = re.compile(r"(\d+ (?:s|min)) (?:on a laptop|in real time)")
@@ -75,7 +75,7 @@ def example(name: str) -> Example:
 
 def _files() -> dict[str, Path]:
     """Return the file of each example by name; the folders lie beside the package or, in a wheel, inside."""
-    root = next(root for root in map(Path, roots) if (root / "configs").is_dir())
+    root = next(root for root in ROOTS if (root / "configs").is_dir())
     configs = root / "configs"
     files = {path.relative_to(configs).with_suffix("").as_posix(): path for path in configs.rglob("*.yaml")}
     programs = {path.name: path for path in sorted((root / "examples").glob("*.py"))}

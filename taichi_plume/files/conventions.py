@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume.scenario.quantities import conversion
+from taichi_plume.quantities import conversion
 
 SENTINELS = (
     -999.0,

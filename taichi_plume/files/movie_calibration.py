@@ -21,8 +21,8 @@ from taichi_plume.files.conventions import (
 from taichi_plume.files.film import FilmError
 from taichi_plume.files.stored_arrays import Coordinate, StoredArray
 from taichi_plume.guard.terminal import visible
+from taichi_plume.quantities import conversion, split
 from taichi_plume.scenario.playback import MovieGas
-from taichi_plume.scenario.quantities import conversion, split
 
 LENGTHS = (
     *("spatial", "length", "space", "pixel", "grid", "distance", "coord", "physical", "position"),

@@ -16,7 +16,7 @@ import numpy as np
 
 from taichi_plume.files.conventions import ConventionError, in_si, is_missing, iso_times, split_unit, times_of
 from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, listed
-from taichi_plume.scenario.quantities import conversion
+from taichi_plume.quantities import conversion
 
 LONGEST_PREAMBLE = 200  # lines
 MARKS = ("\t", ";", ",", None)  # between cells, in order of preference; None: blanks

@@ -17,7 +17,7 @@ import numpy as np
 
 from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.guard.safe_open import content_of, encoding_of, inside, open_regular
-from taichi_plume.scenario.quantities import conversion
+from taichi_plume.quantities import conversion
 
 LARGEST_FILE = 1 << 30  # bytes, also once unpacked
 UNPACKED = 1 << 26  # bytes that a packed file of any size may have once unpacked

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from taichi_plume import __version__
 from taichi_plume.files import disk
 from taichi_plume.guard.safe_open import read_regular
+from taichi_plume.version import __version__
 
 LOCK = ".lock"
 LARGEST_MARK = 1 << 26  # bytes

@@ -1,4 +1,4 @@
-"""Run folder: names of a run's files, the lock, replacement of an earlier run, and scenario.yaml."""
+"""Run folder: names of a run's files, the lock, a new name for an earlier run, and scenario.yaml."""
 
 import datetime
 import json
@@ -8,24 +8,25 @@ import shlex
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib.metadata import version
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, Self
 
 import yaml
 
-from taichi_plume import __version__
 from taichi_plume.engine.choice import DEFAULT, ENGINES, chosen
 from taichi_plume.files import disk
 from taichi_plume.files.own_folder import LOCK, FolderLock, link_in
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import open_regular, read_regular
+from taichi_plume.guard.terminal import say
 from taichi_plume.scenario.changes import changed
 from taichi_plume.scenario.checks import every
 from taichi_plume.scenario.input_files import input_files, outside
 from taichi_plume.scenario.own_code import OwnCode
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Model
+from taichi_plume.version import __version__
 
 FILES = (
     "scenario.yaml",
@@ -51,12 +52,9 @@ BESIDE = (
     "manifest.json",
 )
 """Other files of a run: unfinished parts, and the state for a resumption."""
-STANDS = "result.json"  # the last file that a starting run creates
 CHECK = "check.png"  # the scene, drawn by --check; a run may start beside it
 LARGEST_JSON = 1 << 28  # bytes
 LONGEST_HEADER = 1 << 16  # bytes
-REPLACING = ".replacing"  # an earlier run while it is moved away or back: the new run has no file yet
-REPLACED = ".replaced"  # the whole earlier run, while the new run creates its files
 OPTIONS = ("--allow-code", "--allow-outside", *(f"--engine={name}" for name in ENGINES))
 HEADER = "# Every default written out."
 OURS = {"name", "status", "seed"}  # keys of every result.json
@@ -77,11 +75,8 @@ class RunFolder:
     """The folder of a run, which only this process writes to until `close`; also a context manager.
 
     `path` is `out`, or the first free ``runs/<name>-<n>``. Raises RunFolderError if another process writes there, or if
-    the folder holds files, except those of an earlier run with `force`. `clear` replaces these; `inputs` of the new run
-    must not be among them. Other files stay. A replacement during which a process was killed is settled first, so that
-    one complete run is left.
-
-    files: names of files that may be replaced; ours: function that tests whether a folder holds such files.
+    the folder holds files, except those of an earlier run with `force`. `start` renames the folder of that run; the
+    `inputs` of the new run must not lie in it. ours: function that tests whether a folder holds an earlier run.
     """
 
     def __init__(
@@ -91,10 +86,8 @@ class RunFolder:
         force: bool = False,
         runs: Path = Path("runs"),
         inputs: Sequence[Path] = (),
-        files: Sequence[str] = FILES + BESIDE,
         ours: Callable[[Path], bool] | None = None,
     ):
-        self.files, self._ours = files, ours or is_run
         if out is not None and os.fsencode(out) != str(out).encode(errors="replace"):
             raise RunFolderError(f"{out}: is no text in UTF-8; choose another --out")
         try:
@@ -109,61 +102,37 @@ class RunFolder:
             at = error.filename or out or runs
             raise RunFolderError(f"{at}: cannot be made: {error.strerror or error}") from None
         self.path = out
-        self._hold(lambda: self._require(force, inputs))
-        try:
-            self._recover()
-            self._check(force, inputs)
-        except OSError as error:
-            self.close()
-            raise RunFolderError(f"{out}: cannot be used: {error.strerror or error}") from None
-        except BaseException:
-            self.close()
-            raise
+        self._lock = self._locked(lambda: self._require(force, inputs, ours or is_run))
 
     @classmethod
     def again(cls, folder: Path) -> Self:
         """Open the folder of an earlier run, to resume it. Raises RunFolderError if it holds no run or is in use."""
         if not folder.is_dir():
             raise RunFolderError(f"{folder}: is no folder; give the folder of a run")
-        if not any(map(is_run, (folder, folder / REPLACING, folder / REPLACED))):
+        if not is_run(folder):
             raise RunFolderError(f"{folder}: is not the folder of a run")
         self = cls.__new__(cls)
-        self.made, self.path, self.files = False, folder, FILES + BESIDE
-        self._hold(self._require_no_links)
-        self._recover()
+        self.made, self.path = False, folder
+        self._lock = self._locked(self._require_no_links)
         for left in disk.left_in(folder):
             disk.remove(left)
         return self
 
-    def _hold(self, require: Callable[[], None]) -> None:
+    def _locked(self, require: Callable[[], None]) -> FolderLock:
         """Lock the folder until the process ends. require: raises if the folder must not be used, see FolderLock."""
         import filelock
 
         try:
-            self._lock = FolderLock(self.path, require)
+            return FolderLock(self.path, require)
         except filelock.Timeout:
             raise RunFolderError(f"{self.path}: another run is writing there") from None
         except (OSError, NotImplementedError) as error:
             reason = (isinstance(error, OSError) and error.strerror) or error
             raise RunFolderError(f"{self.path}: cannot be written to: {reason}") from None
 
-    def _require(self, force: bool, inputs: Sequence[Path]) -> None:
+    def _require(self, force: bool, inputs: Sequence[Path], ours: Callable[[Path], bool]) -> None:
         """Raise RunFolderError if the folder must not be used for a new run; called before any file is created."""
-        self._require_no_links()
-        if not any((self.path / name).is_dir() for name in (REPLACING, REPLACED)):  # `settle` comes first
-            self._check(force, inputs)
-
-    def _require_no_links(self) -> None:
-        """Raise RunFolderError if a run's files in the folder are links, because their targets would be written to."""
-        link = link_in(self.path, {*self.files, REPLACING, REPLACED}, hard=True)
-        if link is not None:
-            raise RunFolderError(
-                f"{self.path / link}: is a link or hard link, or is no plain file, and a run does not write to such "
-                "files; remove it, or copy the folder"
-            )
-
-    def _check(self, force: bool, inputs: Sequence[Path]) -> None:
-        if not any(file.name not in (LOCK, CHECK) for file in self.path.iterdir()):
+        if not self._holds_files():
             return
         here = self.path.resolve()
         for file in inputs:
@@ -171,46 +140,52 @@ class RunFolder:
                 raise RunFolderError(f"{self.path}: holds {file}, which this run reads; choose another --out")
         if not force:
             raise RunFolderError(
-                f"{self.path}: is not empty; choose another --out or add --force to overwrite"
+                f"{self.path}: is not empty; choose another --out or add --force to rename it"
             )
-        if not self._ours(self.path):
+        if not ours(self.path):
             raise RunFolderError(
                 f"{self.path}: contains files that do not come from a run; choose another --out"
             )
+        if here in (Path.cwd(), *Path.cwd().parents):
+            raise RunFolderError(
+                f"{self.path}: holds the working folder, so it cannot be renamed; choose another --out"
+            )
 
-    def clear(self) -> None:
-        """Move the files of an earlier run into a subfolder, until `settle` deletes or restores these files."""
-        aside = self.path / REPLACING
-        aside.mkdir()
-        for name in self.files:
-            if os.path.lexists(self.path / name):
-                (self.path / name).rename(aside / name)
-        aside.rename(self.path / REPLACED)
-        for left in disk.left_in(self.path):
-            disk.remove(left)
+    def _require_no_links(self) -> None:
+        """Raise RunFolderError if a run's files in the folder are links, because their targets would be written to."""
+        link = link_in(self.path, FILES + BESIDE, hard=True)
+        if link is not None:
+            raise RunFolderError(
+                f"{self.path / link}: is a link or hard link, or is no plain file, and a run does not write to such "
+                "files; remove it, or copy the folder"
+            )
 
-    def settle(self, stands: bool) -> None:
-        """Delete the earlier run if the new run `stands`; otherwise delete the new run and restore the earlier one."""
-        aside = self.path / REPLACED
-        if not stands and aside.is_dir():
-            for name in self.files:
-                disk.remove(self.path / name)
-            aside.rename(self.path / REPLACING)
-        self._put_back()
-        disk.discard(aside)
+    def _holds_files(self) -> bool:
+        return any(file.name not in (LOCK, CHECK) for file in self.path.iterdir())
 
-    def _recover(self) -> None:
-        """Complete or undo the replacement of an earlier run during which a process was killed."""
-        if (self.path / REPLACING).is_dir():
-            self._put_back()
-        elif (self.path / REPLACED).is_dir():
-            self.settle((self.path / STANDS).exists())
+    def start(self) -> None:
+        """Rename the folder if it holds an earlier run, to NAME.old, NAME.old-2, ..., and make and lock a new one.
 
-    def _put_back(self) -> None:
-        aside = self.path / REPLACING
-        for file in files_in(aside):
-            file.rename(self.path / file.name)
-        disk.discard(aside)
+        Prints the new name. The earlier run stays locked until the new folder is, except on Windows, where no folder
+        with an open file can be renamed. Raises RunFolderError.
+        """
+        if not self._holds_files():
+            return
+        here = self.path.resolve() if self.path.is_symlink() else self.path
+        names = chain([f"{here.name}.old"], (f"{here.name}.old-{n}" for n in count(2)))
+        aside = next(path for name in names if not os.path.lexists(path := here.with_name(name)))
+        lock = self._lock
+        if os.name == "nt":
+            lock.release()
+        try:
+            here.rename(aside)
+            say(f"the earlier run is now {aside}", error=True)
+            here.mkdir()
+        except OSError as error:
+            raise RunFolderError(f"{here}: cannot be replaced: {error.strerror or error}") from None
+        self._lock, self.made = self._locked(lambda: None), True
+        lock.path = aside / LOCK
+        lock.release(remove=True)
 
     def __enter__(self) -> Self:
         return self

@@ -14,6 +14,7 @@ from taichi_plume.files.readings import MOST
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.safe_open import unopenable
 from taichi_plume.scenario.domain import span
+from taichi_plume.scenario.external import Replay
 
 OF_RUN = ("t", "x", "y", "heading", "reading_ppm")
 KEYS = {  # options of the maps command, and the keys of a scenario
@@ -54,6 +55,19 @@ class Way:
     def at(self, t: float) -> tuple[float, ...]:
         """Return x, y, z [m] and heading [rad] interpolated to time t [s], constant outside the recorded times."""
         return tuple(float(np.interp(t, self.t, column)) for column in (*self.place.T, self.heading))
+
+
+def chosen(replay: Replay, recorded: Sequence[Way], count: int) -> list[Way]:
+    """Return the recorded paths for `count` robots: those listed in `robots`, otherwise the first ones."""
+    if not replay.robots:
+        return list(recorded[:count])
+    by_name = {path.name: path for path in recorded}
+    return [by_name[name] for name in replay.robots]
+
+
+def begin_of(replay: Replay, chosen: Sequence[Way]) -> float:
+    """Return the time [s] in the recording at which the run starts: its earliest pose plus `start`."""
+    return float(min(path.t[0] for path in chosen)) + replay.start
 
 
 def read(path: Path, options: BagOptions | None = None) -> list[Way]:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichi_plume import __version__
 from taichi_plume.files import disk, own_folder
 from taichi_plume.files.json_values import json_value
 from taichi_plume.files.run_folder import RunFolderError
@@ -18,6 +17,7 @@ from taichi_plume.fluctuations.bouts import BoutTable
 from taichi_plume.fluctuations.film_statistics import FilmRecord
 from taichi_plume.fluctuations.records import AXES
 from taichi_plume.guard.terminal import visible
+from taichi_plume.version import __version__
 
 if TYPE_CHECKING:
     import pandas

@@ -3,5 +3,4 @@
 MAY_IMPORT: tuple[str, ...] = (
     "engine",
     "guard",
-    "scenario.quantities",  # units alone
 )

@@ -20,7 +20,7 @@ from taichi_plume.grid.polygons import DamagedError, triangulated
 from taichi_plume.grid.shapes import ShapeError
 from taichi_plume.guard.safe_open import content_of
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
-from taichi_plume.scenario.quantities import conversion
+from taichi_plume.quantities import conversion
 
 LARGEST_FILE = 1 << 26  # bytes: a million triangles and more
 FARTHEST = 1e9  # in the file's units: larger numbers are damage

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from taichi_plume import __version__
 from taichi_plume.observed import planes
 from taichi_plume.observed.observer import Observer
 from taichi_plume.observed.views import views
@@ -25,6 +24,7 @@ from taichi_plume.record.tracks import Event, Tracks, recorded_robots
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.maps import MapScores
 from taichi_plume.time_loop import Every, TimeLoop
+from taichi_plume.version import __version__
 
 SAMPLE_PERIOD = 0.1  # s, robots
 LIVE = 0.5  # s of wall time between two batches for a viewer

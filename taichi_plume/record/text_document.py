@@ -5,7 +5,6 @@ from math import prod
 
 import rerun as rr
 
-from taichi_plume import __version__
 from taichi_plume.observed.planes import Plane
 from taichi_plume.observed.quantities import Quantity
 from taichi_plume.record.scene import Entities
@@ -13,6 +12,7 @@ from taichi_plume.scenario.readable_yaml import all_keys
 from taichi_plume.scoring.beliefs import believers
 from taichi_plume.scoring.declarations import may_declare
 from taichi_plume.time_loop import TimeLoop
+from taichi_plume.version import __version__
 
 
 def about(

@@ -15,5 +15,4 @@ MAY_IMPORT: tuple[str, ...] = (
     "execution",
     "scenario",
     "scoring",
-    "time_loop",
 )

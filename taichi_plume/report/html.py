@@ -11,9 +11,9 @@ from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from taichi_plume import __version__
 from taichi_plume.files.disk import written_whole
 from taichi_plume.guard.terminal import visible
+from taichi_plume.version import __version__
 
 TEMPLATE = Path(__file__).with_name("page.html")
 NO_BREAK = "\u00a0"

@@ -9,7 +9,6 @@ from taichi_plume.report.page import COMPLETE
 from taichi_plume.report.pictures import Shown, still
 from taichi_plume.report.theme import png
 from taichi_plume.results.run import Run
-from taichi_plume.scenario.scenario import Scenario
 
 WIDTH = 900  # pixels of a picture
 
@@ -24,11 +23,3 @@ def of_run(run: Run) -> str:
     except InputError:  # neither recording nor fields
         picture = b""
     return in_notebook(summary(result), picture=picture) + f"<pre>{escape(repr(run))}</pre>"
-
-
-def of_scenario(scenario: Scenario) -> str:
-    """Return HTML of a scenario: errors or derived quantities, warnings, and a drawing of the scene."""
-    check = scenario.check()
-    rows: list[tuple[str, object]] = [(scenario.name, "scenario"), *check.derived.items()]
-    rows += [("error", line) for line in check.errors] + [("unlikely", line) for line in check.warnings]
-    return in_notebook(rows, picture=png(scenario.plot()) if check else b"")

@@ -147,7 +147,7 @@ def save_check(prepared: "Prepared", fresh: Path) -> None:
 
 def checked_figure(prepared: "Prepared", dpi: float = 110, place: theme.Place = theme.ANYWHERE) -> Figure:
     """Return a figure of a checked scenario; its warnings are marked by numbers. place: as of `figure_of`."""
-    numbers = numbered(prepared.resources.warnings, prepared.scenario, prepared.resources)
+    numbers = numbered(prepared.resources.warnings, prepared.resources.context)
     return figure_of(prepared.scenario, all_shapes(prepared), dpi, numbers, place)
 
 

@@ -22,7 +22,6 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume import __version__
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.bag_writer import BagWriter, NoBagError, new_bag
 from taichi_plume.files.ros_odometry import ODOMETRY, DeadReckoning
@@ -45,6 +44,7 @@ from taichi_plume.results.run import Run
 from taichi_plume.scenario.gas_sensors import GasSensor
 from taichi_plume.scenario.metal_oxides import MOX_MODELS, MoxSensor
 from taichi_plume.scenario.robots import Group
+from taichi_plume.version import __version__
 
 BELIEVED = ("believed_x", "believed_y", "z")  # m
 COLUMNS = ("t", "x", "y", "heading", "wind_x", "wind_y", "believed_x", "believed_y", "believed_heading")

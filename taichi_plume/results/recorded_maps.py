@@ -124,26 +124,19 @@ class GasMap:
         return figure(self, Place.of(ax, figsize))
 
     def write(self, folder: str | Path, force: bool = False) -> None:
-        """Write map.csv, map.png and scores.json into a folder. force: replace an earlier map there.
+        """Write map.csv, map.png and scores.json into a folder. force: rename the folder of an earlier map.
 
         Raises RunFolderError if the folder holds other files, and OSError.
         """
         with map_folder(Path(folder), force, self.readings.path) as held:
             self.write_into(held)
 
-    def write_into(self, folder: RunFolder) -> None:
-        """Write the files into a folder that this process holds, see `map_folder`; all or none. Raises OSError."""
-        complete = False
-        folder.clear()
-        try:
-            self._write(folder.path)
-            complete = True
-        finally:
-            folder.settle(complete)
-
-    def _write(self, folder: Path) -> None:
+    def write_into(self, held: RunFolder) -> None:
+        """Write the files into a folder that this process holds, see `map_folder`. Raises OSError."""
         from taichi_plume.report.theme import png
 
+        held.start()
+        folder = held.path
         i, j = np.indices(self.estimate.shape)
         columns = {
             "x": (i + 0.5) * self.cell,
@@ -179,7 +172,7 @@ def map_folder(folder: Path, force: bool, readings: Path | None) -> RunFolder:
     Raises RunFolderError if the folder holds files, except those of an earlier map with `force`.
     """
     inputs = [] if readings is None else [readings]
-    return RunFolder("", folder, force, inputs=inputs, files=FILES, ours=_is_map)
+    return RunFolder("", folder, force, inputs=inputs, ours=_is_map)
 
 
 def _is_map(folder: Path) -> bool:

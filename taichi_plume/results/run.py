@@ -30,13 +30,13 @@ from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from taichi_plume import __version__
 from taichi_plume.files import manifest, pictures_file
 from taichi_plume.files.run_folder import HEADER, KILLED, OURS, RunFolderError, is_run, read_json
 from taichi_plume.files.tables import LONGEST_TEXT, plain
 from taichi_plume.guard.safe_open import as_path, content_of, unopenable
 from taichi_plume.guard.terminal import visible
 from taichi_plume.guard.yaml_text import LARGEST_FILE
+from taichi_plume.version import __version__
 
 if TYPE_CHECKING:
     import pandas

@@ -4,13 +4,13 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from taichi_plume.quantities import number
 from taichi_plume.scenario import si
 from taichi_plume.scenario.belief_algorithms import HitMap, Infotaxis, ParticleFilter, SpaceAwareInfotaxis
 from taichi_plume.scenario.external import External, Replay
 from taichi_plume.scenario.own_code import OwnCode
 from taichi_plume.scenario.plume_tracking import Casting, Casting3D, SurgeCast, SurgeSpiral
 from taichi_plume.scenario.policy import Policy
-from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm, EColi, Spiral
 from taichi_plume.scenario.team_algorithms import Dapso, LeastKnown, LineUp, Sweep
 

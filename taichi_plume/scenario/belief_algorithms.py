@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
+from taichi_plume.quantities import ill_sized, number
 from taichi_plume.scenario import si
 from taichi_plume.scenario.plume_tracking import Casting
-from taichi_plume.scenario.quantities import ill_sized, number
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm, Listening
 from taichi_plume.scenario.vocabulary import consistency_check
 

@@ -1,7 +1,7 @@
 """Checks of a whole scenario: errors and warnings of all sections, and the positions in the room that these concern."""
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,8 +14,24 @@ from taichi_plume.scenario.starts import StartArea
 from taichi_plume.scenario.vocabulary import Model, sections
 from taichi_plume.scenario.windows import Window
 
-if TYPE_CHECKING:
-    from taichi_plume.assembly.resources import Resources
+
+class Check(NamedTuple):
+    """Result of the checks of a scenario. Without errors it can be run, and `size` and `derived` are known.
+
+    errors, warnings: lines "key: message". size: estimates for a run: `cells`, `bytes` of memory, `disk` [bytes],
+    `steps` of the flow, their length `step` [s], and `wall_s` on a few CPU cores. derived: texts on quantities that
+    follow from the scenario, such as Reynolds numbers, by name.
+    """
+
+    errors: list[str]
+    warnings: list[str]
+    size: dict[str, float]
+    derived: dict[str, str]
+
+    def __bool__(self) -> bool:
+        """Whether there are no errors."""
+        return not self.errors
+
 
 FIRST = ("obstacles", "gas", "arena", "robots", "wind")  # these come first in messages
 ORDER = (*FIRST, *(key for key in Scenario.model_fields if key not in FIRST))
@@ -35,35 +51,25 @@ def early_errors(scenario: Scenario) -> list[str]:
     return lines or list(too_large(scenario))
 
 
-def warnings(scenario: Scenario, resources: "Resources") -> list[str]:
-    """Return the warnings of a scenario without errors, each as a line ``path: message``."""
-    context = Context(scenario, resources)
-    lines = [f"{where}: {remark}" for where, facts in resources.facts.items() for remark in facts.remarks]
-    lines += [line for where, section in every(scenario) for line in section.warnings(where, context)]
+def warnings(context: Context) -> list[str]:
+    """Return the warnings of the sections of a scenario without errors, each as a line ``path: message``."""
+    parts = every(context.scenario)
+    lines = [line for where, section in parts for line in section.warnings(where, context)]
     return [*lines, *combinations.warnings(context)]
 
 
-def errors(scenario: Scenario, resources: "Resources") -> list[str]:
-    """Return the errors of a scenario whose input files have been opened, each as a line ``path: message``.
-
-    If files could not be read, only these errors are returned: the other checks need all files and shapes.
-    """
-    context = Context(scenario, resources)
-    if resources.faults:
-        return [f"{path}: {fault}" for path, fault in resources.faults.items()]
-    parts = list(every(scenario))
-    lines = [line for where, section in parts for line in section.file_errors(where, context)]
-    return lines or [line for where, section in parts for line in section.errors(where, context)]
+def errors(context: Context) -> list[str]:
+    """Return the errors of the sections of a scenario, each as a line ``path: message``."""
+    parts = every(context.scenario)
+    return [line for where, section in parts for line in section.errors(where, context)]
 
 
-def numbered(
-    lines: Sequence[str], scenario: Scenario, resources: "Resources"
-) -> list[tuple[int, tuple[float, ...]]]:
+def numbered(lines: Sequence[str], context: Context) -> list[tuple[int, tuple[float, ...]]]:
     """Return (number from 1, position [m] with 2 or 3 coordinates) for each of these warnings that has a position."""
     places: dict[str, tuple[float, ...]] = {}
     for key in Scenario.model_fields:
-        for where, section in sections(vars(scenario)[key], key):
-            place = _place(where, section, scenario, resources)
+        for where, section in sections(vars(context.scenario)[key], key):
+            place = _place(where, section, context)
             if place is not None:
                 places[where] = tuple(float(x) for x in place)
     positions = []
@@ -75,20 +81,18 @@ def numbered(
     return positions
 
 
-def _place(
-    where: str, section: Model, scenario: Scenario, resources: "Resources"
-) -> Sequence[float] | np.ndarray | None:
+def _place(where: str, section: Model, context: Context) -> Sequence[float] | np.ndarray | None:
     """Return the position [m] that represents a section, such as its centre; None for a section without one."""
-    extent = scenario.domain.extent
+    extent = context.domain.extent
     if isinstance(section, Located):
         return section.position
     if isinstance(section, Window):
         return np.insert(section.rectangle(extent)[0], section.normal, section.level(extent))
-    if where in resources.shapes:
-        shape = resources.shapes[where]
+    if where in context.shapes:
+        shape = context.shapes[where]
         return (shape.low + shape.high) / 2
     if isinstance(section, Group):
-        places = section.places(scenario.floor)
+        places = section.places(context.scenario.floor)
         if isinstance(section.start, StartArea):
             return np.mean([section.start.low, section.start.high], axis=0)
         return None if places is None else places[0]

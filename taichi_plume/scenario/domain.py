@@ -1,30 +1,28 @@
 """The simulated box, the rectangle of floor for the robots (arena), positions in the box, and the context of checks."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 from pydantic import Field
 
+from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario import si
 from taichi_plume.scenario.vocabulary import SHAPE, Model
 
 if TYPE_CHECKING:
-    from taichi_plume.assembly.resources import Resources
     from taichi_plume.scenario.scenario import Scenario
 
-ROUNDED = 1e-6  # of a time: rounding of times in files
 ROUNDING = 0.1  # of an extent: a larger change by whole cells makes another domain than the user wrote
 
 
 @dataclass(frozen=True)
 class Context:
-    """Data that every check of a scenario needs: the scenario and its opened input files."""
+    """Data that every check of a section needs: the scenario, and the shapes of its obstacles by their paths."""
 
     scenario: "Scenario"
-    resources: "Resources"
+    shapes: Mapping[str, Shape]
 
     @property
     def domain(self) -> "Domain":
@@ -50,16 +48,6 @@ def starts_late(where: str, start: float, context: Context) -> Iterator[str]:
     end = context.scenario.duration
     if start > end:
         yield f"{where}.start: {start:g} s is after the end of the run at {end:g} s; start it earlier"
-
-
-def ends_early(where: str, file: str | Path, end: float, then: str, context: Context) -> Iterator[str]:
-    """Yield a warning if the data of a file, whose key is `where`, end at time `end` [s], before the run does.
-
-    then: what the run does from this time on.
-    """
-    until = context.scenario.duration
-    if end < until - ROUNDED * max(1.0, abs(until)):
-        yield f"{where}: the data of {Path(file).name} end at {end:.4g} s, the run at {until:g} s; {then}"
 
 
 class Domain(Model):
@@ -157,7 +145,7 @@ class Located(Model):
             yield f"{where}.radius: {radius:g} m is larger than the domain, {longest:g} m; make it smaller"
         else:
             place = ", ".join(f"{x:g}" for x in self.position)
-            for obstacle, shape in context.resources.shapes.items():
+            for obstacle, shape in context.shapes.items():
                 if shape.inside(position)[0]:
                     depth = -float(shape.signed_distance(position)[0])
                     yield (

@@ -8,11 +8,11 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+from taichi_plume.quantities import units_like
 from taichi_plume.scenario.changes import Data, changed, path_of, shown
 from taichi_plume.scenario.key_facts import Facts, facts, own_kind
 from taichi_plume.scenario.keys import homes, kinds_at, sections_at
 from taichi_plume.scenario.metal_oxides import MOX_MODELS
-from taichi_plume.scenario.quantities import units_like
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.suggestions import advice, hint, meant_key, nearest
 from taichi_plume.scenario.vocabulary import Model

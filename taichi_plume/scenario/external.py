@@ -1,18 +1,16 @@
 """Robots that are driven from outside, by other programs, and robots that replay recorded paths."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-import numpy as np
 from pydantic import Field
 
 from taichi_plume.scenario import si
-from taichi_plume.scenario.domain import Arena, Context, ends_early, span
+from taichi_plume.scenario.domain import Arena
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm
 from taichi_plume.scenario.vocabulary import FileName
 
 if TYPE_CHECKING:
-    from taichi_plume.files.trajectories import Way
     from taichi_plume.scenario.robots import Group
 
 
@@ -35,9 +33,6 @@ class External(AnyAlgorithm):
     def in_group(self, where: str, group: "Group", floor: Arena) -> Iterator[str]:
         if self.placed and group.localization is not None:
             yield f"{where}.localization: the poses of these robots come from outside (takes: pose); remove it"
-
-
-MOST_LISTED = 10
 
 
 class Replay(AnyAlgorithm):
@@ -79,61 +74,3 @@ class Replay(AnyAlgorithm):
                 f"{where}.algorithm.robots: {len(self.robots)} names for {group.count} robots; give one for each "
                 "or none"
             )
-
-    def errors(self, where: str, context: Context) -> Iterator[str]:
-        names = [path.name for path in context.resources.ways[where]]
-        count = _group(where, context).count
-        listed = ", ".join(names[:MOST_LISTED]) + (" ..." if len(names) > MOST_LISTED else "")
-        missing = [name for name in self.robots if name not in names]
-        if missing:
-            yield f"{where}.robots: there is no '{missing[0]}' in {self.file}; it has {listed}"
-        elif len(names) < count:
-            yield f"{where}.file: {self.file} has {len(names)} robots, {listed}; the team has {count}"
-        else:
-            for name, position, inside in self._positions(where, context):
-                if not inside.any():
-                    low, high = position.min(axis=0), position.max(axis=0)
-                    yield (
-                        f"{where}.origin: {name} is never in the domain, {context.domain.box}; it is within "
-                        f"{span('x', low[0], high[0])}, {span('y', low[1], high[1])}"
-                    )
-
-    def warnings(self, where: str, context: Context) -> Iterator[str]:
-        for name, _, inside in self._positions(where, context):
-            if not inside.all():
-                share = 100 * (1.0 - inside.mean())
-                yield f"{where}.file: {name} is not in the domain for {share:.0f} % of its poses"
-        chosen = self.chosen(context.resources.ways[where], _group(where, context).count)
-        unplaced = {path.frame for path in chosen} - {None, "map", "domain"}
-        if unplaced and self.origin is None:
-            names = " and ".join(sorted(map(str, unplaced)))
-            yield (
-                f"{where}.origin: the positions are in frame {names}, whose origin is assumed at the domain's lower "
-                "corner; give its position in the domain"
-            )
-        first = min(chosen, key=lambda path: path.t[-1])
-        name, end = f"{first.name} in {self.file}", float(first.t[-1]) - self.begin_of(chosen)
-        yield from ends_early(f"{where}.file", name, end, "the robot stands at its last pose", context)
-
-    def _positions(self, where: str, context: Context) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-        """Yield for each robot: name, recorded positions (n, 2) [m], and whether each is inside the domain (n,)."""
-        size = np.array(context.domain.extent[:2])
-        for path in self.chosen(context.resources.recorded_paths(where), _group(where, context).count):
-            position = path.place[:, :2]
-            yield path.name, position, np.asarray(((position > 0.0) & (position < size)).all(axis=1))
-
-    def chosen(self, recorded: "Sequence[Way]", count: int) -> "list[Way]":
-        """Return the recorded paths for `count` robots: those listed in `robots`, otherwise the first ones."""
-        if not self.robots:
-            return list(recorded[:count])
-        by_name = {path.name: path for path in recorded}
-        return [by_name[name] for name in self.robots]
-
-    def begin_of(self, chosen: "Sequence[Way]") -> float:
-        """Return the time [s] in the recording at which the run starts: its earliest pose plus `start`."""
-        return float(min(path.t[0] for path in chosen)) + self.start
-
-
-def _group(where: str, context: Context) -> "Group":
-    """Return the group of robots whose algorithm has the path `where`, such as ``robots[0].algorithm``."""
-    return next(group for n, group in enumerate(context.scenario.robots) if where == f"robots[{n}].algorithm")

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import BeforeValidator
 from pydantic_core import PydanticCustomError
 
-from taichi_plume.scenario.quantities import Quantity, fault, parse
+from taichi_plume.quantities import Quantity, fault, parse
 
 LONGEST = 1000  # characters
 DEEPEST = 100  # levels of a syntax tree

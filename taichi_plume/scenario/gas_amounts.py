@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic_core import PydanticCustomError
 
-from taichi_plume.scenario.quantities import as_written, conversion, fault, parse, split
+from taichi_plume.quantities import as_written, conversion, fault, parse, split
 from taichi_plume.scenario.species import GAS_CONSTANT, PRESSURE, TEMPERATURE
 
 STANDARD_TEMPERATURE = 273.15  # K

@@ -6,9 +6,9 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from taichi_plume.quantities import number
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context
-from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.vocabulary import Model
 
 

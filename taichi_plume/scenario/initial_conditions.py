@@ -98,26 +98,6 @@ class FilmedInitial(Initial):
         if self.film is None and self.at is not None:
             yield "at: is a time of a film; remove it, or give a film"
 
-    def file_errors(self, where: str, context: Context) -> Iterator[str]:
-        if self.film is None:
-            return
-        film, domain = context.resources.films[where], context.domain
-        if not (film.wind if self.part == "wind" else film.gas):
-            yield f"{where}.film: {film.path}: holds no {self.part}; record it with fields.quantities: [{self.part}]"
-        size = [n * film.dx for n in film.shape]
-        beyond = len(size) != domain.dim or any(
-            need > has + 0.5 * film.dx for need, has in zip(domain.extent, size, strict=True)
-        )
-        if beyond:
-            shown = " x ".join(f"{length:.6g}" for length in size)
-            yield (
-                f"{where}.film: {film.path}: shows {shown} m, the domain is "
-                f"{' x '.join(f'{length:.6g}' for length in domain.extent)} m; record all of it"
-            )
-        first, last = film.times[0], film.times[-1]
-        if self.at is not None and not first <= self.at <= last:
-            yield f"{where}.at: {self.at:g} s is not in {film.path}, which shows {first:g} to {last:g} s"
-
 
 class InitialWind(FilmedInitial):
     """Velocity of the air; the solver makes it free of divergence."""
@@ -174,7 +154,7 @@ def _first(bad: np.ndarray, places: list[np.ndarray], values: np.ndarray, contex
     where = np.argwhere(bad)
     points = np.stack([axis.ravel()[where[:, a]] for a, axis in enumerate(places)], axis=-1)
     free = np.ones(len(points), bool)
-    for shape in context.resources.shapes.values():
+    for shape in context.shapes.values():
         if shape.model.motion is None:
             free &= ~shape.inside(points)
     if not free.any():

@@ -17,7 +17,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from taichi_plume.scenario.quantities import Quantity
+from taichi_plume.quantities import Quantity
 from taichi_plume.scenario.vocabulary import INPUT_FILE, Model, Vector
 
 UNIONS = (Union, types.UnionType)

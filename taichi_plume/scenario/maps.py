@@ -6,9 +6,9 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from taichi_plume.quantities import ill_sized, round_up
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context
-from taichi_plume.scenario.quantities import ill_sized, round_up
 from taichi_plume.scenario.vocabulary import SHAPE, Model, consistency_check
 
 MOST_CELLS = 4_000_000

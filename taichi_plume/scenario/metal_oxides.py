@@ -10,10 +10,10 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from taichi_plume.quantities import number, quantity
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.gas_sensors import GasSensor, Signal
-from taichi_plume.scenario.quantities import number, quantity
 from taichi_plume.scenario.vocabulary import Model
 
 SomeShare = Annotated[float, *number(0.01, 0.99)]

@@ -11,10 +11,10 @@ from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.meshes import Solid
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.grid.unresolved import SAMPLES, missed
+from taichi_plume.quantities import conversion
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, Domain, span
 from taichi_plume.scenario.motion import Motion
-from taichi_plume.scenario.quantities import conversion
 from taichi_plume.scenario.vocabulary import SHAPE, FileName, Model
 
 TOO_LARGE = 10  # times the domain: a larger body is probably in another unit
@@ -30,7 +30,7 @@ class AnyObstacle(Model):
     """Base class of the obstacles: their checks and sizes."""
 
     def errors(self, where: str, context: Context) -> Iterator[str]:
-        shape, domain = context.resources.shapes[where], context.domain
+        shape, domain = context.shapes[where], context.domain
         extent, size = np.array(domain.extent), shape.high - shape.low
         beyond = (shape.high <= 0) | (shape.low >= extent)
         axis = int(beyond.argmax()) if beyond.any() else int(size.argmax())
@@ -49,7 +49,7 @@ class AnyObstacle(Model):
             yield from self.motion.placement_errors(where, self.center, shape, domain)
 
     def warnings(self, where: str, context: Context) -> Iterator[str]:
-        shape, domain = context.resources.shapes[where], context.domain
+        shape, domain = context.shapes[where], context.domain
         if vars(self).get("motion") is not None:
             if context.scenario.wind.computed is None:
                 kind = context.scenario.wind.kind
@@ -247,7 +247,7 @@ class Mesh(Standing):
     """Height at which a 2-D run cuts the mesh, once it has been moved."""
 
     def warnings(self, where: str, context: Context) -> Iterator[str]:
-        shape, extent = context.resources.shapes[where], np.array(context.domain.extent)
+        shape, extent = context.shapes[where], np.array(context.domain.extent)
         if (shape.low < -ROUNDED * extent).any() or (shape.high > (1 + ROUNDED) * extent).any():
             if turned := self._turned(shape, context.domain):
                 yield f"{where}: not all of it lies in the domain; {turned}"
@@ -328,7 +328,7 @@ class WallMap(Standing):
             yield f"{where}: has no walls in the domain"
 
     def _shape(self, where: str, context: Context) -> FloorPlan:
-        plan = context.resources.shapes[where]
+        plan = context.shapes[where]
         assert isinstance(plan, FloorPlan)
         return plan
 

@@ -4,8 +4,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field
 
+from taichi_plume.quantities import fault
 from taichi_plume.scenario.changes import ValueLineError, yaml_value
-from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.sources import OneGas, Target
 from taichi_plume.scenario.vocabulary import INPUT_FILE, Model
 from taichi_plume.scenario.wind_base import AnyWind

@@ -2,19 +2,13 @@
 
 from collections.abc import Iterator
 from math import inf
-from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal
-
-import numpy as np
+from typing import ClassVar, Literal
 
 from taichi_plume.scenario import si
-from taichi_plume.scenario.domain import Context, ends_early, span
+from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.sources import OneGas, Target
 from taichi_plume.scenario.vocabulary import FileName, Model
 from taichi_plume.scenario.wind_base import AnyWind
-
-if TYPE_CHECKING:
-    from taichi_plume.files.film import Film
 
 
 class Played(Model):
@@ -37,24 +31,6 @@ class Played(Model):
         """Times [s] of the first and the last frame that a loop repeats; infinite for all."""
         return -inf, inf
 
-    def recorded(self, where: str, context: Context) -> tuple[str | Path, int, float]:
-        """Return the file of the frames, their number, and the time [s] of the frames at which they end."""
-        raise NotImplementedError
-
-    def too_late(self, where: str, context: Context) -> Iterator[str]:
-        """Yield an error if playback without loop starts after the end of the frames. One frame is a steady state."""
-        file, count, last = self.recorded(where, context)
-        late = self.start > last or (self.start == last and self.steps)
-        if late and count > 1 and not self.loop:
-            yield f"{where}.start: {self.start:g} s is after the end of {file} at {last:g} s"
-
-    def warnings(self, where: str, context: Context) -> Iterator[str]:
-        yield from super().warnings(where, context)
-        file, count, last = self.recorded(where, context)
-        if count > 1 and not self.loop:
-            then = f"the last frame holds; {where}.loop: true repeats them"
-            yield from ends_early(f"{where}.{self.key}", file, (last - self.start) / self.rate, then, context)
-
 
 class Playback(Played):
     """Playback of a recorded run (see `fields`), linear in time between frames, also from the last to the first."""
@@ -66,42 +42,6 @@ class Playback(Played):
 
     density_per_unit: ClassVar[float] = 1.0
     """Concentration [kg/m³] of the value 1 in the file."""
-
-    def file_errors(self, where: str, context: Context) -> Iterator[str]:
-        film = context.resources.films[where]
-        recorded = [name for name, variables in (("wind", film.wind), ("gas", film.gas)) if variables]
-        if self.part not in recorded:
-            yield (
-                f"{where}.file: {film.path}: holds no {self.part}, only {', '.join(recorded) or 'nothing'}; record "
-                f"with fields.quantities: [{self.part}]"
-            )
-        elif errors := list(self._another_domain(film, context)):
-            yield from errors
-        elif differing := context.resources.unlike(where):
-            yield (
-                f"obstacles: {differing} cells are not as in {film.path}, which {self.part} plays back; "
-                "give the obstacles of the recorded run"
-            )
-        yield from self.too_late(where, context)
-
-    def recorded(self, where: str, context: Context) -> tuple[str | Path, int, float]:
-        film = context.resources.films[where]
-        return film.path, len(film.times), film.times[-1]
-
-    def _another_domain(self, film: "Film", context: Context) -> Iterator[str]:
-        """Yield an error if the grid of the recorded run differs from that of the scenario."""
-        domain = context.domain
-        if domain.shape != film.shape or abs(domain.spacing - film.dx) > 1e-6 * film.dx:
-            size = ", ".join(f"{n * film.dx:.6g}" for n in film.shape)
-            yield (
-                f"domain: {_cells(domain.shape, domain.spacing)}, but {film.path}, which {self.part} plays back, has "
-                f"{_cells(film.shape, film.dx)}; use size: [{size}], spacing: {film.dx:g}"
-            )
-        elif self.part == "gas" and domain.dim == 2 and abs(domain.depth - film.depth) > 1e-6 * film.depth:
-            yield (
-                f"domain.depth: {domain.depth:g} m, but the gas of {film.path} was recorded in {film.depth:g} m; "
-                f"use depth: {film.depth:g}"
-            )
 
 
 class PlaybackWind(AnyWind, Playback):
@@ -125,21 +65,6 @@ class PointPlayback(Played):
     """Read between points, bilinear on a lattice as wide as the cell; zero at a cell from the last of them. Otherwise
     the nearest point counts, as in PlumeSim."""
 
-    def file_errors(self, where: str, context: Context) -> Iterator[str]:
-        frames, extent = context.resources.frames[where], context.domain.extent
-        place = frames.place + np.array(self.offset)
-        low, high = place.min(axis=0), place.max(axis=0)
-        if not ((place > -frames.cell) & (place < np.array(extent[:2]) + frames.cell)).all(axis=1).any():
-            yield (
-                f"{where}: no point of {frames.path} is in the domain, {context.domain.box}; they are within "
-                f"{span('x', low[0], high[0])}, {span('y', low[1], high[1])}; give an offset"
-            )
-        yield from self.too_late(where, context)
-
-    def recorded(self, where: str, context: Context) -> tuple[str | Path, int, float]:
-        frames = context.resources.frames[where]
-        return frames.path, len(frames), len(frames) * frames.period
-
 
 class PlumeSimLog(PointPlayback):
     """A text log of PlumeSim; see point_frames.py. `plumesim_log` makes a run write one."""
@@ -154,8 +79,8 @@ class PlumeSimWind(AnyWind, PlumeSimLog):
     on_grid: ClassVar[bool] = False
     kind: Literal["plumesim_log"]
 
-    def file_errors(self, where: str, context: Context) -> Iterator[str]:
-        yield from super().file_errors(where, context)
+    def errors(self, where: str, context: Context) -> Iterator[str]:
+        yield from super().errors(where, context)
         scenario = context.scenario
         for path, gas in scenario.gases:
             if gas.on_grid:
@@ -165,11 +90,6 @@ class PlumeSimWind(AnyWind, PlumeSimLog):
                 )
         if scenario.fields is not None and "wind" in scenario.fields.quantities:
             yield "fields.quantities: a wind of kind plumesim_log is not on the grid; use quantities: [gas]"
-
-
-def _cells(shape: tuple[int, ...], dx: float) -> str:
-    """Return the size of a grid in words, such as "80 x 60 cells of 0.05 m"."""
-    return f"{' x '.join(map(str, shape))} cells of {dx:g} m"
 
 
 class MovieGas(OneGas, Played):
@@ -209,20 +129,6 @@ class MovieGas(OneGas, Played):
         """Concentration [kg/m³] for the pixel value 1 of a movie, after conversion by the unit of its file."""
         return (self.ppm_per_unit or 1.0) / self.vapour.ppm_per_density
 
-    def file_errors(self, where: str, context: Context) -> Iterator[str]:
-        movie, extent = context.resources.movies[where], context.domain.extent
-        (x, y), (width, height) = movie.origin, movie.size
-        if not (x < extent[0] and y < extent[1] and x + width > 0 and y + height > 0):
-            yield (
-                f"{where}: no pixel of {movie.path} is in the domain, {context.domain.box}; they are within "
-                f"{span('x', x, x + width)}, {span('y', y, y + height)}; give an origin"
-            )
-        yield from self.too_late(where, context)
-
-    def recorded(self, where: str, context: Context) -> tuple[str | Path, int, float]:
-        movie = context.resources.movies[where]
-        return movie.path, len(movie.times), movie.times[-1]
-
     def warnings(self, where: str, context: Context) -> Iterator[str]:
         yield from super().warnings(where, context)
         if not self.sources and context.scenario.robots:
@@ -254,18 +160,3 @@ class GadenGas(OneGas, Played):
     def density_per_unit(self) -> float:
         """Concentration [kg/m³] of 1 ppm."""
         return 1.0 / self.vapour.ppm_per_density
-
-    def file_errors(self, where: str, context: Context) -> Iterator[str]:
-        film, extent = context.resources.gaden_films[where], context.domain.extent
-        low, high = film.first.low[: len(extent)] - film.origin, film.high[: len(extent)] - film.origin
-        if not ((low < extent) & (high > 0.0)).all():
-            spans = ", ".join(span(x, a, b) for x, a, b in zip("xyz", low, high, strict=False))
-            yield (
-                f"{where}: no cell of {film.path} is in the domain, {context.domain.box}; they are within {spans}; "
-                "give an origin"
-            )
-        yield from self.too_late(where, context)
-
-    def recorded(self, where: str, context: Context) -> tuple[str | Path, int, float]:
-        film = context.resources.gaden_films[where]
-        return film.path, len(film.times), float(film.times[-1])

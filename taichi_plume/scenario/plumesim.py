@@ -9,10 +9,10 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, field_validator
 
+from taichi_plume.quantities import fault
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context, Domain
 from taichi_plume.scenario.playback import PlumeSimLog, PointPlayback
-from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.sources import OneGas, Target
 from taichi_plume.scenario.vocabulary import FileName, consistency_check
 

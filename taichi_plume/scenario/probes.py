@@ -45,7 +45,7 @@ class Probe(Model):
         if outside := context.outside(places):
             yield f"{where}.{keys}: {outside}; move the probe in"
             return
-        for obstacle, shape in context.resources.shapes.items():
+        for obstacle, shape in context.shapes.items():
             inside = np.flatnonzero(shape.inside(places) & (shape.model.motion is None))
             if len(inside):
                 place = ", ".join(f"{x:g}" for x in places[inside[0]])

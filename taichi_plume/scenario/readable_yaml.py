@@ -5,8 +5,8 @@ from typing import Any
 
 import yaml
 
+from taichi_plume.quantities import parse, with_unit
 from taichi_plume.scenario.key_facts import quantity_unit
-from taichi_plume.scenario.quantities import parse, with_unit
 from taichi_plume.scenario.vocabulary import Model
 
 LONGEST = 108  # characters of a line, unless a single value is longer

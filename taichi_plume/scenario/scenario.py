@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self
 import numpy as np
 from pydantic import ConfigDict, Field, field_validator
 
-from taichi_plume.guard.safe_open import as_path
+from taichi_plume.quantities import fault
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Arena, Context, Domain
 from taichi_plume.scenario.gases import AnySource, Gas, PureGas
@@ -23,7 +23,6 @@ from taichi_plume.scenario.openings import Opening
 from taichi_plume.scenario.outputs import Checkpoint, Fields, Forces, PlumeLog, Recording
 from taichi_plume.scenario.policy import Policy
 from taichi_plume.scenario.probes import Probes
-from taichi_plume.scenario.quantities import fault
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.screens import AnyScreen
 from taichi_plume.scenario.starts import too_close
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from taichi_plume.assembly.preparation import Check
+    from taichi_plume.scenario.checks import Check
     from taichi_plume.scenario.loading import Overrides
 
 MOST_TICKS = 2e9  # kernels count them in 32 bits
@@ -154,83 +153,18 @@ class Scenario(Model):
 
         return scenario_of(self.keys_set(), of_python(changes)).from_origin(self.origin)
 
-    @classmethod
-    def from_file(cls, path: str | Path, overrides: "Overrides" = ()) -> "Scenario":
-        """Return the scenario of a YAML file or the name of an example; overrides: as of `simulate`.
+    if TYPE_CHECKING:  # `api/scenario.py` attaches these
 
-        The keys and their values are checked; what depends on several keys or on files is checked by `check` and before
-        a run. Raises ScenarioError, with a line for each fault.
-
-        >>> import taichi_plume as tp
-        >>> scenario = tp.Scenario.from_file("casting_room", {"domain.spacing": "5 cm"})
-        >>> scenario.domain.spacing
-        0.05
-        """
-        from taichi_plume.assembly.preparation import read
-
-        return read(path, overrides)
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, object], folder: str | Path = ".") -> "Scenario":
-        """Return the scenario of a dict with the keys of a file, also with units, such as "5 cm"; see `from_file`.
-
-        folder: folder of the files that it names.
-        """
-        from taichi_plume.assembly.preparation import read
-
-        return read(data, folder=folder)
-
-    def to_yaml(self, path: str | Path | None = None, defaults: bool = False) -> str:
-        """Return the scenario as YAML with handy units: the keys that were set, or with `defaults` all keys.
-
-        path: file to write it to as well, from which `from_file` returns an equal scenario; input files must lie in the
-        same place relative to it. Raises OSError.
-        """
-        from taichi_plume.files.disk import written_whole
-        from taichi_plume.scenario.readable_yaml import all_keys, own_keys
-
-        text = all_keys(self, exact=True) if defaults else own_keys(self, exact=True)
-        if path is not None:
-            with written_whole(as_path(path, "path")) as fresh:
-                fresh.write_text(text, encoding="utf-8")
-        return text
-
-    def check(self, allow_outside: bool = False) -> "Check":
-        """Return errors, warnings, size and derived quantities, as printed by ``run --check``.
-
-        allow_outside: whether files of the scenario may lie outside its folder.
-
-        >>> import taichi_plume as tp
-        >>> check = tp.Scenario.from_file("casting_room").with_({"robots.0.count": 3}).check()
-        >>> bool(check), int(check.size["cells"])
-        (True, 7500)
-        """
-        from taichi_plume.assembly.preparation import Check
-
-        return Check.of(self, allow_outside)
-
-    def plot(
-        self,
-        allow_outside: bool = False,
-        *,
-        ax: "Axes | None" = None,
-        figsize: tuple[float, float] | None = None,
-    ) -> "Figure":
-        """Return a drawing of the scene, as by ``run --check``: from above and in 3-D also from the side.
-
-        ax: axes of a figure of yours for the view from above; figsize: width and height of a new figure [inches].
-        Raises ScenarioError if the scenario has errors, and InputError if the figure would be too small.
-        """
-        from taichi_plume.assembly.preparation import load
-        from taichi_plume.report.scene import checked_figure
-        from taichi_plume.report.theme import Place
-
-        return checked_figure(load(self, (), allow_outside), place=Place.of(ax, figsize))
-
-    def _repr_html_(self) -> str:
-        from taichi_plume.report.notebook import of_scenario
-
-        return of_scenario(self)
+        @classmethod
+        def from_file(cls, path: str | Path, overrides: Overrides = ()) -> "Scenario": ...
+        @classmethod
+        def from_dict(cls, data: Mapping[str, object], folder: str | Path = ".") -> "Scenario": ...
+        def to_yaml(self, path: str | Path | None = None, defaults: bool = False) -> str: ...
+        def check(self, allow_outside: bool = False) -> Check: ...
+        def plot(
+            self, allow_outside: bool = False, *, ax: Axes | None = None,
+            figsize: tuple[float, float] | None = None,
+        ) -> Figure: ...  # fmt: skip
 
     @property
     def floor(self) -> Arena:

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from taichi_plume.quantities import number
 from taichi_plume.scenario import si
-from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.vocabulary import Model
 
 if TYPE_CHECKING:

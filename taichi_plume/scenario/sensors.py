@@ -9,10 +9,10 @@ from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag
 
+from taichi_plume.quantities import number
 from taichi_plume.scenario import si
 from taichi_plume.scenario.gas_sensors import GasSensor, IdealGasSensor, PidSensor, TdlasSensor
 from taichi_plume.scenario.metal_oxides import MoxSensor
-from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.vocabulary import Model, consistency_check
 
 __all__ = ["Anemometer", "GasSensor", "IdealGasSensor", "MoxSensor", "PidSensor", "Sensors", "TdlasSensor"]

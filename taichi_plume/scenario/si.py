@@ -4,8 +4,8 @@ from typing import Annotated
 
 from pydantic import Field
 
+from taichi_plume.quantities import number, quantity
 from taichi_plume.scenario.gas_amounts import mass
-from taichi_plume.scenario.quantities import number, quantity
 from taichi_plume.scenario.vocabulary import PER_AXIS, one_or_several
 
 # Each kind of quantity with its limits: wide (micrometres to 100 km, seconds to decades) but finite, as a value beyond

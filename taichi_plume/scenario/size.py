@@ -5,9 +5,9 @@ from math import ceil, prod
 
 import psutil
 
+from taichi_plume.quantities import round_up, with_unit
 from taichi_plume.scenario.localization import Camera
 from taichi_plume.scenario.probes import BYTES_PER_NUMBER
-from taichi_plume.scenario.quantities import round_up, with_unit
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.species import AIR_VISCOSITY

@@ -6,11 +6,11 @@ from typing import Annotated, ClassVar, Self
 from pydantic import BeforeValidator, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
+from taichi_plume.quantities import fault, parse
 from taichi_plume.scenario import si
 from taichi_plume.scenario.changes import shown
 from taichi_plume.scenario.domain import Context, Domain, Located
 from taichi_plume.scenario.gas_amounts import converted
-from taichi_plume.scenario.quantities import fault, parse
 from taichi_plume.scenario.species import PRESSURE, SPECIES, TEMPERATURE, Species, SpeciesName
 from taichi_plume.scenario.suggestions import hint
 from taichi_plume.scenario.vocabulary import Model, exactly_one, stop_after_start

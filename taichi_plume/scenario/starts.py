@@ -153,7 +153,7 @@ def clearances(
             wall = f"the {name} {'xy'[axis]}{side}"
             yield wall, f"behind {wall}", distance, GAP
     spare = GAP + sqrt(2) * clearance_resolution(floor.size)
-    for path, shape in context.resources.shapes.items():
+    for path, shape in context.shapes.items():
         distance, air = shape.horizontal_distance(places, base, base + height), spare
         if (
             shape.model.motion is not None and np.isfinite(distance).any()

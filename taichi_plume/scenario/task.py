@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
+from taichi_plume.quantities import number
 from taichi_plume.scenario import si
 from taichi_plume.scenario.playback import Played
-from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.vocabulary import FileName, Model
 
 if TYPE_CHECKING:

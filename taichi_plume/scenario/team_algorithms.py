@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from taichi_plume.quantities import round_up
 from taichi_plume.scenario import si
 from taichi_plume.scenario.maps import MOST_CELLS, TimeSeriesMap
-from taichi_plume.scenario.quantities import round_up
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm, Listening
 from taichi_plume.scenario.starts import GAP
 from taichi_plume.scenario.vocabulary import SHAPE, Model, consistency_check

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args, get_o
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
-from taichi_plume.scenario.quantities import fault
+from taichi_plume.quantities import fault
 from taichi_plume.scenario.suggestions import meant_key
 
 if TYPE_CHECKING:
@@ -161,7 +161,7 @@ class Model(BaseModel):
     def dimension_errors(self, where: str, dim: int) -> Iterator[str]:
         """Yield an error for each key that does not fit a run in `dim` dimensions; where: path of the section.
 
-        An error is a line: path of the key, what is wrong, and what is allowed. The same holds for `file_errors` and
+        An error is a line: path of the key, what is wrong, and what is allowed. The same holds for
         `errors`.
         """
         model = type(self)
@@ -179,12 +179,8 @@ class Model(BaseModel):
                         place = f"[{n}]" * isinstance(value, tuple)
                         yield f"{where}.{key}{place}: '{name}' does not exist in a 2-D run; use x or y"
 
-    def file_errors(self, where: str, context: "Context") -> Iterator[str]:
-        """Yield errors in the content of input files, which make the other checks impossible; none by default."""
-        yield from ()
-
     def errors(self, where: str, context: "Context") -> Iterator[str]:
-        """Yield the errors of a section whose input files are readable; none by default."""
+        """Yield the errors of a section, which do not depend on its file; none by default."""
         yield from ()
 
     def warnings(self, where: str, context: "Context") -> Iterator[str]:

@@ -175,11 +175,7 @@ class Region(Window):
             away = width - shape.high[self.axis] if self.side else shape.low[self.axis]
             return away <= domain.spacing + step
 
-        shapes = [
-            shape
-            for shape in context.resources.shapes.values()
-            if shape.model.motion is None and is_near(shape)
-        ]
+        shapes = [shape for shape in context.shapes.values() if shape.model.motion is None and is_near(shape)]
         centers = self.covered(domain)
         if not shapes or not len(centers):
             return 1.0

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
+from taichi_plume.quantities import number
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.heat import Buoyancy
@@ -16,7 +17,6 @@ from taichi_plume.scenario.initial_conditions import InitialWind
 from taichi_plume.scenario.openings import Opening
 from taichi_plume.scenario.own_code import OwnWind
 from taichi_plume.scenario.playback import PlaybackWind, PlumeSimWind
-from taichi_plume.scenario.quantities import number
 from taichi_plume.scenario.screens import AnyScreen
 from taichi_plume.scenario.vocabulary import AT_START, SPATIAL, Model, MomentumConvection
 from taichi_plume.scenario.wind_base import GUST, AnyWind

@@ -11,7 +11,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from taichi_plume import __version__
 from taichi_plume.engine.choice import chosen
 from taichi_plume.files.manifest import digest
 from taichi_plume.scenario.changes import changed
@@ -20,6 +19,7 @@ from taichi_plume.scenario.input_files import input_files, read_for
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.studies.axes import DIGITS
 from taichi_plume.studies.study_keys import SEEDS
+from taichi_plume.version import __version__
 
 HEX = 16  # digits of an id
 OUTPUTS = ("name", "recording", "forces", "fields", "plumesim_log", "checkpoint")

@@ -20,7 +20,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from taichi_plume import __version__
 from taichi_plume.files import run_tables
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.tables import LONGEST_TEXT, plain
@@ -29,6 +28,7 @@ from taichi_plume.guard.safe_open import as_path, unopenable
 from taichi_plume.guard.terminal import visible
 from taichi_plume.studies import tables as files
 from taichi_plume.studies.store import Store, StoreError
+from taichi_plume.version import __version__
 
 if TYPE_CHECKING:
     import pandas

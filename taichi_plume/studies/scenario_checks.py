@@ -4,6 +4,7 @@ from collections import OrderedDict
 from dataclasses import replace
 from pathlib import Path
 
+from taichi_plume.assembly import file_checks
 from taichi_plume.assembly.preparation import Prepared, prepare
 from taichi_plume.assembly.resources import OPENERS
 from taichi_plume.scenario import checks
@@ -34,7 +35,7 @@ class Checks:
         faults = checks.early_errors(scenario)
         if not faults:
             prepared = self.prepared(scenario)
-            faults = checks.errors(*prepared) + self.classes.errors(scenario)
+            faults = file_checks.errors(prepared.resources) + self.classes.errors(scenario)
             if not faults:
                 return prepared
         raise ScenarioError(faults)

@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from taichi_plume.quantities import Number, fault
 from taichi_plume.scenario.changes import path_of, steps_of
-from taichi_plume.scenario.quantities import Number, fault
 from taichi_plume.scenario.vocabulary import FileName, Model
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")

@@ -18,12 +18,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from taichi_plume import __version__
 from taichi_plume.files import disk, parquet
 from taichi_plume.guard.safe_open import open_regular
-from taichi_plume.scenario.quantities import parse
+from taichi_plume.quantities import parse
 from taichi_plume.studies import columns
 from taichi_plume.studies.messages import Axis, Data, Row
+from taichi_plume.version import __version__
 
 if TYPE_CHECKING:
     from taichi_plume.studies.plan import Plan

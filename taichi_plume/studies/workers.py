@@ -25,11 +25,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from taichi_plume import __version__
 from taichi_plume.engine.choice import VARIABLE, chosen
 from taichi_plume.execution.signals import SignalRequests, ignoring_signals
 from taichi_plume.guard.safe_open import read_regular
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+from taichi_plume.version import __version__
 
 if TYPE_CHECKING:
     from taichi_plume.studies.messages import Result, Task

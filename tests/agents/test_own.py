@@ -270,7 +270,7 @@ def test_a_failing_state_ends_a_run_whose_checkpoints_were_asked_for(started, ca
     assert reported in said
     assert "this run makes no checkpoint" in said
     assert started(lines, "--force", "--set=checkpoint={every: 0.5}") == 1
-    assert reported in capsys.readouterr().err.splitlines()[0]
+    assert reported in capsys.readouterr().err.splitlines()[1]
     assert reported in result()["message"]
 
 

@@ -180,6 +180,7 @@ def test_an_earlier_map_is_replaced_only_by_force(log, tmp_path):
         fine.write(tmp_path, force=True)
     assert contents(out) == before
     tp.maps(log, size=(3, 2), out=out, force=True)
+    assert contents(tmp_path / "out.old") == before
     assert json.loads(contents(out)["scores.json"])["kind"] == "time_series"
     fine.write(out, force=True)
     assert contents(out) == before

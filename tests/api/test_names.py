@@ -1,9 +1,11 @@
 """The public names: listed, documented, with examples that run."""
 
+import ast
 import doctest
 import inspect
 import os
 import re
+import textwrap
 from importlib import import_module
 from pathlib import Path
 
@@ -30,6 +32,33 @@ def test_every_public_name_is_listed_and_documented():
 def test_every_public_name_is_in_the_program_that_is_checked_for_types():
     text = (Path(__file__).parent / "typed_use.py").read_text()
     assert [name for name in tp.__all__ if not re.search(rf"\btp\.{name}\b", text)] == []
+
+
+def test_the_methods_of_a_scenario_are_declared_as_they_are():
+    """`scenario/scenario.py` declares for type checkers what `api/scenario.py` attaches."""
+    (declared,) = (
+        node
+        for node in ast.walk(ast.parse(Path(inspect.getfile(tp.Scenario)).read_text()))
+        if isinstance(node, ast.If) and node.body and isinstance(node.body[0], ast.FunctionDef)
+    )
+    for method in declared.body:
+        assert isinstance(method, ast.FunctionDef)
+        attached = ast.parse(textwrap.dedent(inspect.getsource(getattr(tp.Scenario, method.name)))).body[0]
+        assert isinstance(attached, ast.FunctionDef)
+        expected, found = (
+            [
+                (arg.arg, ast.unparse(arg.annotation or ast.Constant(0)).strip("'"))
+                for arg in each.args.args[1:]
+            ]
+            + [
+                (arg.arg, ast.unparse(arg.annotation or ast.Constant(0)).strip("'"))
+                for arg in each.args.kwonlyargs
+            ]
+            + [ast.unparse(default) for default in each.args.defaults]
+            + [ast.unparse(each.returns or ast.Constant(0)).strip("'")]
+            for each in (method, attached)
+        )
+        assert found == expected
 
 
 @pytest.mark.parametrize("name", ["study", "contest", "statistics", "maps"])

@@ -59,13 +59,14 @@ def test_the_files_are_those_of_the_command(run, tmp_path):
 
 
 @pytest.mark.slow
-def test_force_replaces_an_earlier_run(taichi, tmp_path):
+def test_force_renames_an_earlier_run(taichi, tmp_path):
     quick = {"duration": 0.2, "warm_up": 0.0}
     earlier = tp.simulate(DATA, overrides=quick, out=tmp_path / "run", progress=False)
     with pytest.raises(tp.RunFolderError, match="--force"):
         tp.simulate(DATA, seed=5, overrides=quick, out=earlier.folder, progress=False)
     again = tp.simulate(DATA, seed=5, overrides=quick, out=earlier.folder, force=True, progress=False)
     assert (again.folder, again.scenario.seed) == (earlier.folder, 5)
+    assert tp.open_run(tmp_path / "run.old").scenario.seed == earlier.scenario.seed
 
 
 def test_a_scenario_may_be_an_example_a_file_a_dict_or_an_object(tmp_path):

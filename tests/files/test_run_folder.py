@@ -1,8 +1,7 @@
-"""The run directory: free ones, those that are refused, and earlier runs, which stay until the new one stands."""
+"""The run directory: free ones, those that are refused, and earlier runs, which get another name."""
 
 import json
 import os
-from functools import partial
 from pathlib import Path
 
 import fake_run
@@ -41,21 +40,47 @@ def test_next_free_folder(tmp_path):
         assert third.path.name == "a-2"
 
 
-def test_an_earlier_run_stays_until_the_new_one_stands(earlier):
+def test_an_earlier_run_gets_another_name_with_all_its_files(earlier, capsys):
     with pytest.raises(RunFolderError, match="is not empty; choose another --out or add --force"):
         RunFolder("a", earlier)
-    with RunFolder("a", earlier, force=True) as folder:
-        assert (earlier / "result.json").read_text() == RESULT
-        folder.clear()
-        assert {file.name for file in earlier.iterdir()} == {".lock", ".replaced", "notes.txt"}
-        (earlier / "result.json").write_text("half of a")
-        folder.settle(stands=False)
-        assert (earlier / "result.json").read_text() == RESULT
-        folder.clear()
-        (earlier / "result.json").write_text("new")
-        folder.settle(stands=True)
-    assert {file.name for file in earlier.iterdir()} - {".lock"} == {"result.json", "notes.txt"}
+    before = contents(earlier)
+    for name in ("earlier.old", "earlier.old-2", "earlier.old-3"):
+        with RunFolder("a", earlier, force=True) as folder:
+            assert contents(earlier) == before, "until the new run starts"
+            folder.start()
+            assert capsys.readouterr().err == f"the earlier run is now {earlier.with_name(name)}\n"
+            assert contents(earlier) == {}
+            with pytest.raises(RunFolderError, match="another run is writing there"):
+                RunFolder("a", earlier, force=True)
+            (earlier / "result.json").write_text(RESULT)
+        assert contents(earlier.with_name(name)) == before
+        assert not (earlier.with_name(name) / run_folder.LOCK).exists()
+        before = {"result.json": RESULT}
+
+
+def test_a_folder_without_files_of_a_run_keeps_its_name(tmp_path):
+    (tmp_path / run_folder.CHECK).touch()
+    with RunFolder("a", tmp_path, force=True) as folder:
+        folder.start()
+    assert (tmp_path / run_folder.CHECK).exists()
+
+
+def test_of_a_linked_folder_the_target_is_renamed(earlier, tmp_path):
+    (tmp_path / "link").symlink_to(earlier)
+    with RunFolder("a", tmp_path / "link", force=True) as folder:
+        folder.start()
+        (folder.path / "result.json").write_text("new")
+    assert (tmp_path / "link").is_symlink()
     assert (earlier / "result.json").read_text() == "new"
+    assert (tmp_path / "earlier.old" / "notes.txt").exists()
+
+
+def test_the_working_folder_is_not_renamed(earlier, monkeypatch):
+    (earlier / "inner").mkdir()
+    for working, out in ((earlier, "."), (earlier / "inner", "..")):
+        monkeypatch.chdir(working)
+        with pytest.raises(RunFolderError, match="working folder"):
+            RunFolder("a", Path(out), force=True)
 
 
 @pytest.mark.parametrize(
@@ -150,38 +175,26 @@ def contents(folder: Path) -> dict[str, str]:
     }
 
 
-@pytest.mark.parametrize("fails", [False, True], ids=["begins", "fails to begin"])
-@pytest.mark.parametrize("opened", ["to go on", "to replace"])
-def test_a_replacement_that_is_killed_anywhere_leaves_one_whole_run(tmp_path, monkeypatch, fails, opened):
-    """Old or new, whatever call on the disk was the last; the user's own files stay."""
-    new = {"scenario.yaml": run_folder.HEADER, "fields.zarr/zarr.json": "new", "result.json": RESULT}
-    old = {"result.json": RESULT, "robots.parquet": "old", "scenario.yaml": run_folder.HEADER + " old"}
-    old |= {"checkpoint.npz": "old"}
-
-    def replace(folder: RunFolder) -> None:
-        folder.clear()
-        for name, text in list(new.items())[: 2 if fails else 3]:
-            (folder.path / name).parent.mkdir(exist_ok=True)
-            (folder.path / name).write_text(text)
-        folder.settle(stands=not fails)
-
-    left = []
+def test_a_run_that_is_killed_while_it_starts_leaves_the_earlier_one_whole(tmp_path, monkeypatch):
+    """Under its name or the new one, whatever call on the disk was the last; nobody has to repair anything."""
+    old = {"result.json": RESULT, "robots.parquet": "old", "notes.txt": "mine"}
+    places = []
     for last in range(100):
-        path = tmp_path / str(last)
-        path.mkdir()
-        for name, text in {**old, "notes.txt": "mine"}.items():
+        path = tmp_path / str(last) / "out"
+        path.mkdir(parents=True)
+        for name, text in old.items():
             (path / name).write_text(text)
         folder = RunFolder("a", path, force=True)
-        killed = cut_off(monkeypatch, last, partial(replace, folder))
+        killed = cut_off(monkeypatch, last, folder.start)
         folder.close()
-        with RunFolder.again(path) if opened == "to go on" else RunFolder("a", path, force=True):
-            left.append(contents(path))
+        aside = path.with_name("out.old")
+        places.append(path if path.is_dir() and contents(path) else aside)
+        assert contents(places[-1]) == old
+        with RunFolder("a", path, force=True) as again:
+            again.start()
         if not killed:
             break
-    assert len(left) > 10
-    whole = [{**old, "notes.txt": "mine"}, {**new, "notes.txt": "mine", "fields.zarr": ""}]
-    assert all(content in whole for content in left)
-    assert [left[0], left[-1]] == [whole[0], whole[not fails]]
+    assert (places[0].name, places[-1].name) == ("out", "out.old")
 
 
 def test_a_folder_goes_only_while_nobody_else_is_in_it(tmp_path, monkeypatch):
@@ -202,7 +215,7 @@ def test_a_folder_goes_only_while_nobody_else_is_in_it(tmp_path, monkeypatch):
     "name", ["forces.csv", "result.json", "robots.arrows", "fields.zarr/zarr.json", ".lock"]
 )
 def test_a_folder_whose_files_are_links_is_refused(tmp_path, name, how):
-    """To be completed, resumed or replaced: the links' targets would be cut, or their content overwritten."""
+    """To be completed or resumed: the links' targets would be cut, or their content overwritten."""
     folder, target = tmp_path / "run", tmp_path / "mine"
     folder.mkdir()
     (folder / "result.json").write_text(RESULT)
@@ -212,29 +225,25 @@ def test_a_folder_whose_files_are_links_is_refused(tmp_path, name, how):
     (folder / name).unlink(missing_ok=True)
     (folder / name).symlink_to(target) if how == "link" else (folder / name).hardlink_to(target)
     before = {file: file.lstat().st_ino for file in folder.rglob("*")}
-    for use in (
-        RunFolder.again,
-        lambda path: RunFolder("a", path),
-        lambda path: RunFolder("a", path, force=True),
-    ):
+    for use in (RunFolder.again, lambda path: RunFolder("a", path)):
         with pytest.raises(RunFolderError, match=rf"{name.rpartition('/')[2]}|is not empty"):
             use(folder)
     assert target.read_text() == RESULT
     assert {file: file.lstat().st_ino for file in folder.rglob("*")} == before
 
 
-@pytest.mark.parametrize("name", [".replacing", ".replaced", "maps.part"])
-def test_links_to_folders_are_refused(earlier, tmp_path, name):
-    """What lies in a linked folder would be moved or removed."""
+def test_links_to_folders_are_refused(earlier, tmp_path):
+    """What lies in a linked folder would be removed; a folder that gets another name keeps its links."""
     target = tmp_path / "mine"
     target.mkdir()
     (target / "photo.jpg").write_text("mine")
-    (earlier / name).symlink_to(target)
-    for use in (RunFolder.again, lambda path: RunFolder("a", path, force=True)):
-        with pytest.raises(RunFolderError, match=name):
-            use(earlier)
+    (earlier / "maps.part").symlink_to(target)
+    with pytest.raises(RunFolderError, match=r"maps\.part"):
+        RunFolder.again(earlier)
+    with RunFolder("a", earlier, force=True) as folder:
+        folder.start()
     assert (target / "photo.jpg").read_text() == "mine"
-    assert (earlier / name).is_symlink()
+    assert (tmp_path / "earlier.old" / "maps.part").is_symlink()
 
 
 def test_nothing_is_left_in_a_folder_that_is_refused(tmp_path):

@@ -8,7 +8,7 @@ import yaml
 from small_task import task
 from test_film import new_film
 
-from taichi_plume.assembly.preparation import Check, load
+from taichi_plume.assembly.preparation import check, load
 from taichi_plume.envs import bank
 from taichi_plume.scenario.loading import scenario_from
 
@@ -76,9 +76,9 @@ def ends(folder, sections, **changes) -> list[str]:
     """The warnings of a run whose data end early."""
     path = folder / "s.yaml"
     path.write_text(yaml.safe_dump(ROOM | sections | changes))
-    check = Check.of(path)
-    assert check.errors == []
-    return [line for line in check.warnings if "the data of" in line]
+    found = check(path)
+    assert found.errors == []
+    return [line for line in found.warnings if "the data of" in line]
 
 
 @pytest.mark.parametrize("name", READERS)

@@ -6,8 +6,8 @@ import pytest
 import yaml
 from scipy import constants
 
+from taichi_plume import Scenario
 from taichi_plume.scenario.loading import ScenarioError
-from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.sources import Source
 
 STANDARD = constants.physical_constants["molar volume of ideal gas (273.15 K, 101.325 kPa)"][0]  # m³/mol

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taichi_plume import Scenario
 from taichi_plume.cli import run
 from taichi_plume.files.run_folder import to_yaml, write_scenario
 from taichi_plume.guard.yaml_text import parse
 from taichi_plume.scenario.loading import ScenarioError, read_scenario
-from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.studies.plan import load_plan
 
 BASE: dict[str, Any] = {

@@ -31,11 +31,11 @@ SCREEN = "wind.screens=[{kind: honeycomb, axis: x, at: 0.4}]"
 )
 def test_a_remark_points_at_its_place(path, place, tmp_path):
     (tmp_path / "s.yaml").write_text(ROOM)
-    scenario, resources = load(
+    prepared = load(
         tmp_path / "s.yaml",
         [GROUPS, SCREEN, "obstacles=[{kind: box, center: [2, 1, 0.15], size: [0.4, 0.3, 0.3]}]"],
     )
-    found = numbered(["duration: is short", f"{path}: is: odd"], scenario, resources)
+    found = numbered(["duration: is short", f"{path}: is: odd"], prepared.resources.context)
     if place is None:
         assert found == []
     else:

@@ -5,9 +5,9 @@ import re
 import pytest
 from test_loading import GOOD, fault
 
+from taichi_plume.quantities import SCALES, parse, short, units_like, with_unit
 from taichi_plume.scenario import suggestions
 from taichi_plume.scenario.keys import misspelt, places
-from taichi_plume.scenario.quantities import SCALES, parse, short, units_like, with_unit
 from taichi_plume.scenario.species import SPECIES
 
 KINDS = {

@@ -60,7 +60,7 @@ def test_own_algorithms_may_declare(tmp_path):
 
 def context(tmp_path, *overrides) -> Context:
     (tmp_path / "s.yaml").write_text(DUCT)
-    return Context(*load(tmp_path / "s.yaml", overrides))
+    return load(tmp_path / "s.yaml", overrides).resources.context
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import PydanticCustomError
 
-from taichi_plume.scenario.quantities import USUAL, parse, quantity
+from taichi_plume.quantities import USUAL, parse, quantity
 
 
 @pytest.mark.parametrize(
