@@ -1,4 +1,4 @@
-"""The folder of a run that was never run: a plume whose peak is known, robots whose ways are known, and a recording."""
+"""The folder of a run that was never run: a plume whose peak is known, robots whose ways are known, and pictures."""
 
 from pathlib import Path
 from typing import Any
@@ -6,22 +6,21 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-import rerun as rr
 import yaml
 
 from taichi_plume import Scenario
 from taichi_plume.execution.result import write_result
+from taichi_plume.files import pictures_file, zarr_groups
 from taichi_plume.files.run_folder import write_scenario
-from taichi_plume.record.drawing import rows
 
 LOW, HIGH = 0.1, 1000.0
 TIMES = np.arange(-1.0, 10.01, 0.5)
 PEAK = (23, 11)
 """The pixel of the largest concentration; of 40 x 30, 0.1 m each."""
 ROOM_PLANES: dict[str, dict[str, Any]] = {
-    "gas/slice": {"plane": "0.1 m above the floor"},
-    "gas/column": {"plane": "maximum over the height"},
-    "gas/section": {"plane": "y = 1.5 m", "axes": "xz", "shape": (40, 10)},
+    "gas_slice": {"plane": "0.1 m above the floor", "level": 0.1},
+    "gas_column": {"plane": "maximum over the height"},
+    "gas_section": {"level": 1.5, "plane": "y = 1.5 m", "axes": "xz", "shape": (40, 10)},
 }
 
 
@@ -66,41 +65,42 @@ def result(model: Scenario, **changes: Any) -> dict[str, Any]:
 
 
 def pixels(n: int, shape: tuple[int, int] = (40, 30)) -> np.ndarray:
-    """Bytes (nx, ny) of frame n: a slope with one peak that grows, 0 in the left half."""
+    """Positions 0 to 255 on the colour scale, (nx, ny), of frame n: one growing peak on a slope, 0 in the left half."""
     x, y = np.meshgrid(*(np.arange(k) for k in shape), indexing="ij")
     away = np.hypot(x - PEAK[0], y - PEAK[1])
     return np.where(x > 15, np.clip(100 + 6 * n - 8 * away, 0, 255), 0).astype(np.uint8)
 
 
-def record(
-    path: Path, planes: dict[str, dict[str, Any]] | None = None, scales: bool = True, **about: Any
-) -> None:
-    """Write a recording. planes: of each entity what it says of itself, its shape among it; scales: whether it does."""
-    stream = rr.RecordingStream("taichi_plume", recording_id="made")
-    stream.set_log_time_enabled(False)
-    stream.save(path)
-    planes = planes or {"gas/slice": {}}
-    for entity, its in planes.items():
-        shape = its.get("shape", (40, 30))
-        size = {"width": shape[0], "height": shape[1]}
-        format_ = rr.components.ImageFormat(**size, color_model="L", channel_datatype="U8")
-        stream.log(entity, rr.GridMap.from_fields(format=format_, cell_size=0.1), static=True)
-        says = {
-            "quantity": "ethanol", "unit": "ppm", "low": LOW, "high": HIGH, "scale": "log", "plane": "",
-            "axes": "xy", "cell": 0.1, "origin": [0.0, 0.0],
+def record(path: Path, planes: dict[str, dict[str, Any]] | None = None, **about: Any) -> None:
+    """Write pictures and wind. planes: attributes of each picture, its shape among them; about: further attributes."""
+    group = zarr_groups.create(path, {"format": pictures_file.FORMAT})
+    air = zarr_groups.create(path / "wind", {})
+    for part in (group, air):
+        zarr_groups.add(part, "time", ("time",), TIMES, {"units": "s"})
+    for name, its in (planes or {"gas_slice": {}}).items():
+        shape, axes = its.get("shape", (40, 30)), its.get("axes", "xy")
+        dims = [f"{axis}_{name}" for axis in axes]
+        for dim, count in zip(dims, shape, strict=True):
+            zarr_groups.add(group, dim, (dim,), (np.arange(count) + 0.5) * 0.1, {"units": "m"})
+        attributes = {
+            "quantity": "ethanol", "units": "ppm", "colors_from": LOW, "colors_to": HIGH, "colors": "log", "plane": "",
+            "axes": axes, "cell": [0.1, 0.1], "view": name.removeprefix("gas_"), "species": "ethanol",
         }  # fmt: skip
-        says |= about | {key: value for key, value in its.items() if key != "shape"}
-        if scales:
-            stream.log(entity, rr.AnyValues(**says), static=True)
-    for n, t in enumerate(TIMES):
-        stream.set_time("sim_time", duration=float(t))
-        for entity, its in planes.items():
-            data = rows(pixels(n, its.get("shape", (40, 30))))
-            stream.log(entity, rr.GridMap.from_fields(data=data))
-        origins = [[1.0 + k, 0.5, 0] for k in range(2 + n % 3)]
-        stream.log("wind/slice", rr.Arrows3D(origins=origins, vectors=[[0.5, 0, 0]] * len(origins)))
-    stream.flush()
-    stream.disconnect()
+        attributes |= {key: value for key, value in its.items() if key != "shape"} | about
+        frames = np.stack([ppm(pixels(n, shape)).T for n in range(len(TIMES))])
+        zarr_groups.add(group, name, ("time", *dims[::-1]), frames, attributes)
+    for dim, count in (("x", 8), ("y", 6)):
+        zarr_groups.add(air, dim, (dim,), (np.arange(count) + 0.5) * 0.5, {"units": "m"})
+    for name, speed in (("u_slice", 0.5), ("v_slice", 0.0)):
+        about = {"units": "m s-1", "axes": "xy", "cell": [0.5, 0.5], "view": "slice", "plane": ""}
+        zarr_groups.add(air, name, ("time", "y", "x"), np.full((len(TIMES), 6, 8), speed, np.float32), about)
+    zarr_groups.consolidate(path, "wind")
+    zarr_groups.consolidate(path)
+
+
+def ppm(levels: np.ndarray) -> np.ndarray:
+    """Concentrations [ppm], float32, of positions 0 to 255 on the colour scale; 0 at 0."""
+    return np.where(levels > 0, LOW * (HIGH / LOW) ** (levels / 255), 0.0).astype(np.float32)
 
 
 def table(path: Path, model: Scenario, trials: int = 1, period: float = 0.5) -> None:
@@ -139,7 +139,7 @@ def made(
     write_scenario(folder, model, folder, "cpu")
     write_result(folder, content if content is not None else result(model))
     if recording:
-        record(folder / "recording.rrd", ROOM_PLANES if model.domain.dim == 3 else None)
+        record(folder / pictures_file.NAME, ROOM_PLANES if model.domain.dim == 3 else None)
     if model.robots:
         table(folder / "robots.parquet", model, trials)
     return folder

@@ -11,6 +11,7 @@ from refusals import unfinished
 from taichi_plume.cli import picture
 from taichi_plume.files import manifest
 from taichi_plume.report import films, plume, theme
+from taichi_plume.results.pictures import wind
 from taichi_plume.results.run import Run
 
 
@@ -38,9 +39,9 @@ def reported(capsys):
 def test_colours_are_those_of_the_scale_where_the_gas_is(folder):
     """The peak's pixel has its colour; where there is none, the floor shows."""
     run = Run(folder, lenient=True)
-    one = run.planes.read()["gas_slice"]
+    one = run.pictures.gas_slice
     figure, view = plume.figure_of(run, one, [], 8, 100, wind=False)
-    view.show(6.0, one.data[14])
+    view.show(6.0, one.values[14])
     image: Any = np.asarray(Image.open(io.BytesIO(theme.png(figure))).convert("RGB"), float)
 
     def at(x: float, y: float) -> np.ndarray:
@@ -54,17 +55,19 @@ def test_colours_are_those_of_the_scale_where_the_gas_is(folder):
 
 def test_a_moment_shows_its_own_frame_robots_and_wind(folder):
     run = Run(folder, lenient=True)
-    one = run.planes.read()["gas_slice"]
+    one = run.pictures.gas_slice
     _, view = plume.figure_of(run, one, run.tracks, 8, 100)
-    view.show(4.0, one.data[10], run.planes.arrows("slice"))
+    view.show(4.0, one.values[10], plume.Arrows.of(wind(run, "slice")))
     bodies = [np.asarray(path.vertices).mean(axis=0) for path in view.bodies.get_paths()]
     np.testing.assert_allclose(bodies, [[2.5, 0.5], [2.5, 1.5]], atol=0.05)
     assert [len(np.asarray(path.vertices)) for path in view.trails.get_paths()] == [9, 9]
-    assert len(view.arrows.get_paths()) == 2 + 10 % 3
-    ends = np.asarray(view.arrows.get_paths()[0].vertices)
-    assert (ends[:, 0].min(), ends[:, 0].max()) == pytest.approx((1.0, 1.5))
+    assert len(view.arrows.get_paths()) == 8 * 6
+    ends = np.asarray(
+        view.arrows.get_paths()[0].vertices
+    )  # 1.2 times as long as their distance, about its middle
+    assert (ends[:, 0].min(), ends[:, 0].max()) == pytest.approx((-0.05, 0.55))
     assert not view.rims.get_paths()
-    view.show(8.0, one.data[18])
+    view.show(8.0, one.values[18])
     (rim,) = view.rims.get_paths()  # the first has found it
     first, _ = view.bodies.get_paths()
     np.testing.assert_array_equal(rim.vertices, first.vertices)
@@ -113,13 +116,13 @@ def test_a_film_has_its_frames_and_moves(folder, tmp_path, reported):
 def test_a_frame_of_a_film_is_the_picture_of_that_moment(folder, tmp_path):
     """What is drawn on what stood still is what would have been drawn at once."""
     run = Run(folder, lenient=True)
-    one = run.planes.read()["gas_slice"]
+    one = run.pictures.gas_slice
 
     def drawn(times: list[int], still: bool) -> np.ndarray:
         figure, view = plume.figure_of(run, one, run.tracks, 6, 80)
         canvas = films.Still(figure, view.moving) if still else figure.canvas
         for n in times:
-            view.show(one.times[n], one.data[n], run.planes.arrows("slice"))
+            view.show(float(one.time[n]), one.values[n], plume.Arrows.of(wind(run, "slice")))
             canvas.draw()
         return np.asarray(canvas.buffer_rgba()).astype(int)
 
@@ -137,11 +140,11 @@ def bad_folders(tmp_path: Path) -> dict[str, Path]:
     """Folders of which no picture can be made, with what is reported."""
     bare = made_run.made(tmp_path / "bare", recording=False)
     cut, other, torn = (made_run.made(tmp_path / name) for name in ("cut", "other", "torn"))
-    (cut / "recording.rrd").write_bytes((cut / "recording.rrd").read_bytes()[:2000])
+    (cut / "pictures.zarr" / "gas_slice" / "c" / "0" / "0" / "0").unlink()
     made_run.reworded(other, frobnicate=3)
     (torn / "robots.parquet").write_bytes(b"PAR1 nothing")
     damage = "robots.parquet: is damaged"
-    return {"neither": bare, "cut off": cut, "frobnicate": other, damage: torn}
+    return {"neither": bare, "gas_slice has 0 of 1": cut, "frobnicate": other, damage: torn}
 
 
 def test_bad_folders_are_one_line_each(tmp_path, reported):

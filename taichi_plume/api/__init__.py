@@ -8,6 +8,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "files",
     "fluctuations",
     "guard",
+    "observed",
     "report",
     "results",
     "scenario",

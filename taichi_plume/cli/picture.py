@@ -85,7 +85,7 @@ def _still(run: "Run", args: argparse.Namespace, shown: "Shown") -> None:
     out = args.out or Path(f"{run.folder.resolve().name}-{name}-{at:g}s.png")
     with written_whole(out) as fresh:
         figure.savefig(fresh, format=out.suffix[1:].lower())
-    say(f"{out}: {picture.name.replace('_', ' ')} at t = {picture.times[-1]:.4g} s")
+    say(f"{out}: {str(picture.name).replace('_', ' ')} at t = {float(picture.time[-1]):.4g} s")
 
 
 def _film(run: "Run", args: argparse.Namespace, shown: "Shown") -> None:

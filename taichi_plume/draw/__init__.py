@@ -3,4 +3,4 @@
 The only package that imports bokeh and tornado (extra ``draw``). `objects` draws a text, `edits` changes the text.
 """
 
-MAY_IMPORT = ("assembly", "execution", "files", "grid", "guard", "record", "report", "scenario")
+MAY_IMPORT = ("assembly", "execution", "files", "grid", "guard", "observed", "record", "report", "scenario")

@@ -19,7 +19,7 @@ from taichi_plume.time_loop import TimeLoop
 
 ABOVE = " above the background"  # end of the name of a gas with a background
 NARROWEST = 1.0  # K: least width of a range of temperatures
-FINEST = 0.1  # least stored concentration, over the lower end of the colours
+FINEST = 0.5  # least stored concentration, over the lower end of the colours
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ def wind(sim: TimeLoop) -> Quantity:
         return np.moveaxis(fields.velocity_at(sim.wind, where, sim.t), -1, 0)
 
     return Quantity(
-        "wind", "velocity of the air", "m s-1", Scale(0.0, 1.0, "linear"), "", lambda _: None, points, Rounded(),
+        "wind", "velocity of the air", "m s-1", Scale(0.0, 1.0, "linear"), "", lambda _: None, points, Rounded(8),
         components=tuple("uvw"[:dim]), in_cells="wind",
     )  # fmt: skip
 

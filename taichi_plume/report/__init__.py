@@ -10,6 +10,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "files",
     "grid",
     "guard",
+    "observed",
     "record",
     "results",
     "execution",

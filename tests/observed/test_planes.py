@@ -71,11 +71,6 @@ def test_pixels_without_air_are_missing():
     assert voxels.shape == (10, 8, 5)
     missing = np.argwhere(np.isnan(voxels.of_cells(random(*GRID.shape)))).tolist()
     assert missing == [[0, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0]]
-        [0, 0, 0],
-        [0, 1, 0],
-        [1, 0, 0],
-        [1, 1, 0],
-    ]
 
 
 def test_arrows_fill_a_plane_evenly():

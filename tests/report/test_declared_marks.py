@@ -41,7 +41,7 @@ def crosses(figure) -> list[tuple[list[float], str]]:
 
 
 def test_crosses_are_where_robots_said_and_red_while_they_are_wrong(run, drawn):
-    (picture,) = run.planes.read(["gas_slice"], (0.0, np.inf), 1.0).values()
+    picture = run.pictures.gas_slice.sel(time=slice(0, None))
     figures.mean_plume(run, picture, saying(run))
     figures.only_tracks(run, saying(run))
     assert [crosses(figure) for figure in drawn] == [[([1.0, 1.2], theme.FOUND)]] * 2

@@ -1,6 +1,7 @@
 import base64
 import io
 import re
+import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -155,7 +156,8 @@ def test_names_stay_text(tmp_path, report):
     reported = made_run.result(model, **keys)
     reported["groups"][0]["name"] = WORDS
     write_result(folder, reported)
-    made_run.record(folder / "recording.rrd", quantity=WICKED)
+    shutil.rmtree(folder / "pictures.zarr")
+    made_run.record(folder / "pictures.zarr", quantity=WICKED)
     file = folder / "scenario.yaml"
     head, _, rest = file.read_text(encoding="utf-8").partition("\n")
     file.write_text(f"{head} <img src=x onerror=alert(1)>\n{rest}", encoding="utf-8")
@@ -204,11 +206,11 @@ def test_runs_that_failed_are_reported_and_shown(tmp_path, report):
 def test_a_run_that_was_killed_is_shown_as_far_as_it_came(tmp_path, report):
     reported = {"name": "made", "status": "running", "message": "t = 4.00 s", "seed": 0}
     folder = made_run.made(tmp_path / "run", content=reported)
-    (folder / "recording.rrd").write_bytes((folder / "recording.rrd").read_bytes()[:-1500])
+    (folder / "pictures.zarr" / "gas_slice" / "c" / "0" / "0" / "0").unlink()
     unfinished(folder / "robots.parquet")
     page = report(folder)
     assert "taichi_plume.repair" in page.text
-    assert "recording.rrd: is cut off" in page.text
+    assert "pictures.zarr: is damaged: gas_slice has 0 of 1" in page.text
     assert page.titles == ["The scene", "Tracks", SERIES]
 
 
