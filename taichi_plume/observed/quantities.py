@@ -26,7 +26,7 @@ FINEST = 0.5  # least stored concentration, over the lower end of the colours
 class Rounded:
     """Storage as float16 times `factor`, rounded to `digits` binary digits; values below `least` become 0.
 
-    Relative precision is 2^-(digits + 1), absolute precision `least`.
+    Relative precision is about 2^-(digits + 1), absolute precision `least`.
     """
 
     digits: int = 10
@@ -42,10 +42,11 @@ class Rounded:
     def attributes(self) -> dict[str, float]:
         """CF attributes of the packing, and its precision in the quantity's unit."""
         packing = {"scale_factor": self.factor} if self.factor != 1.0 else {}
-        least = max(self.least, 2.0**-25 * self.factor)
         return packing | {
-            "relative_precision": 2.0 ** -(self.digits + 1), "absolute_precision": least, "largest_value": self.largest
-        }  # fmt: skip
+            "relative_precision": 2.0 ** -(self.digits + 1) + 2.0**-12,  # rounded twice
+            "absolute_precision": max(self.least, 2.0 ** -(self.digits + 15) * self.factor),
+            "largest_value": self.largest,
+        }
 
     def packed(self, values: np.ndarray) -> np.ndarray:
         """Return values as stored, float16."""
