@@ -407,7 +407,10 @@ def test_more_cells_than_points_are_averaged_and_no_gas_is_lost(run):
     air = data.air.copy(data=rng.choice([0.0, 0.3, 1.0], data.air.shape).astype(np.float32))
     gas = data.ethanol_ppm.copy(data=rng.uniform(1, 9, data.ethanol_ppm.shape).astype(np.float32))
     one.__dict__["fields"] = data.assign(air=air, ethanol_ppm=gas)
-    for n, (_, topic, message) in enumerate(bag_of_fields.clouds(one, "ethanol_ppm", 60, 0.0, MapFrame())):
+    data, names = bag_of_fields.scalars(one)
+    assert names == ["ethanol_ppm"]
+    clouds = bag_of_fields.clouds(data, one.folder, "ethanol_ppm", 60, 0.0, MapFrame())
+    for n, (_, topic, message) in enumerate(clouds):
         points = cloud(message)
         assert topic == "/plume/ethanol"
         assert 20 < len(points) <= 60

@@ -98,7 +98,7 @@ NAMES_OF_MORE = ("x", "y", "heading", "found", "state", "declarations", "false_d
 
 LOOKS = [
     "record/",
-    "watch_file",
+    "latest_instant",
     "report/",
     "results/",
     "map",

@@ -14,7 +14,7 @@ from pipes_in_folders import ended
 from taichi_plume import cite, open_run
 from taichi_plume.cli import export, maps, picture, repair, report, run, statistics
 from taichi_plume.draw.downloads import zipped
-from taichi_plume.execution import watch_file
+from taichi_plume.execution import latest_instant
 from taichi_plume.files import checkpoint, manifest
 from taichi_plume.files.run_folder import LISTED
 from taichi_plume.guard.input_error import InputError
@@ -95,7 +95,7 @@ def readers(folder: Path, out: Path) -> dict[str, Callable[[], Any]]:
         "show": lambda: open_run(folder).show(),
         "cite": lambda: cite(folder),
         "checkpoint": lambda: checkpoint.read(folder / "checkpoint.npz"),
-        "watch": lambda: watch_file.read(folder / "watch.npz"),
+        "watch": lambda: latest_instant.read(folder / "watch.npz"),
         "zip": lambda: zipped(folder, out / "run.zip"),
         "verify": command(repair.main, folder, "--verify"),
         "repair": command(repair.main, folder, "--no-report"),

@@ -11,19 +11,18 @@ from bokeh.models import ColumnDataSource, Label, Range1d, WheelZoomTool
 from bokeh.plotting import figure
 
 from taichi_plume.draw.bodies import Body
-from taichi_plume.draw.objects import Scene, Thing, read
+from taichi_plume.draw.objects import Scene, Thing
 from taichi_plume.draw.parts import Plane, Point, Rectangle
-from taichi_plume.execution.watch_file import Sight
-from taichi_plume.observed.scales import Scale
+from taichi_plume.execution.latest_instant import Instant, Picture
 from taichi_plume.report import theme
 from taichi_plume.report.theme import ABOVE
-from taichi_plume.scenario.outputs import Recording
 
 MARGIN = 0.08  # of the longer side, around the room
 NEAR = 10.0  # pixels from a handle within which the pointer takes the handle
 USUAL_SIZE = (600.0, 450.0)  # pixels
 LABELS = 2.0  # pixels by which the figure's inner part may change without being fitted again
 ARROW = 0.05  # of the longer side: an arrow of the fastest wind
+FINE = 200  # pixels along the longer side of a picture, at least half of them
 FONT = "Helvetica, Arial, sans-serif"
 CHOSEN, WRONG, UNLIKELY = "#0b6bcb", theme.ERROR, theme.UNLIKELY
 AT_START = 0.15  # opacity of a walker's start while the walker of a run is drawn
@@ -47,8 +46,8 @@ class Canvas:
         self.figure.toolbar.active_drag = None
         self.room: tuple[float, ...] | None = None
         self._fitted = USUAL_SIZE
-        self.sight: Sight | None = None
-        self._beside: tuple[Scene | None, Scene | None] = (None, None)
+        self.sight: Instant | None = None
+        self._beside: tuple[Scene | None, Scene | None, Picture | None] = (None, None, None)
         for name in ("inner_width", "inner_height"):
             self.figure.on_change(name, lambda _attr, _old, _new: self._resized())
         self._style()
@@ -308,16 +307,22 @@ class Canvas:
     # ---------------------------------------------------------------- a run
 
     def show_run(
-        self, sight: Sight | None, of: Scene | None = None, present: Scene | None = None, name: str = "run"
+        self,
+        sight: Instant | None,
+        of: Scene | None = None,
+        present: Scene | None = None,
+        name: str = "run",
+        picture: Picture | None = None,
     ) -> None:
         """Draw the state of a run, and the room of the run where the present room differs. None: remove them.
 
-        of: objects of the run's text, present: of the drawn text. Gas, wind and robots are seen from above alone. A
-        walker's start is drawn otherwise by `show` while a run is seen.
+        of: objects of the run's text, present: of the drawn text; picture: that is shown. Picture, wind and robots are
+        seen from above alone. A walker's start is drawn otherwise by `show` while a run is seen.
         """
-        if sight is self.sight and of is self._beside[0] and present is self._beside[1]:
+        beside = (of, present, picture)
+        if sight is self.sight and all(a is b for a, b in zip(beside, self._beside, strict=True)):
             return
-        self.sight, self._beside = sight, (of, present)
+        self.sight, self._beside = sight, beside
         seen = sight is not None and of is not None and of.room is not None and self.plane in of.planes
         if not seen or sight is None or of is None or of.room is None:
             for part in ("image", "wind", "headings", "robots", "walkers", "earlier"):
@@ -330,7 +335,7 @@ class Canvas:
         self.sources["walkers"].data = _columns(walkers)
         self._show_room(of, present if present is not None else of, name)
         if self.plane == ABOVE:
-            self._show_air(sight, of, of.room)
+            self._show_air(sight, picture, of.room)
 
     def _show_room(self, of: Scene, present: Scene, name: str) -> None:
         """Draw what differs between the room of a run and the present one, and say whose gas is seen."""
@@ -344,22 +349,22 @@ class Canvas:
             dashed = "; dashed: its room" if lines else ""
             self.note.text = f"Gas, wind and robots: {name}, started before your last changes{dashed}"
 
-    def _show_air(self, sight: Sight, of: Scene, room: tuple[float, ...]) -> None:
-        low, high = gas_range(of)
-        pixels = theme.GAS(Scale(low, high, "log").bytes(sight.gas), bytes=True)
-        pixels[sight.gas <= low] = 0
-        image = np.ascontiguousarray(pixels).view(np.uint32)[..., 0]
-        self.sources["image"].data = {
-            "image": [image],
-            "x": [0.0],
-            "y": [0.0],
-            "dw": [room[0]],
-            "dh": [room[1]],
-        }
+    def _show_air(self, sight: Instant, picture: Picture | None, room: tuple[float, ...]) -> None:
+        image: dict[str, list[Any]] = {key: [] for key in ("image", "x", "y", "dw", "dh")}
+        if picture is not None:
+            height, width = (n * picture.cell for n in picture.values.shape)
+            image = {"image": [_colors(picture)], "x": [0.0], "y": [0.0], "dw": [width], "dh": [height]}
+        self.sources["image"].data = image
         x, y, u, v = sight.wind
         fastest = max(float(np.hypot(u, v).max(initial=0.0)), 1e-9)
         scale = ARROW * max(room[:2]) / fastest
-        self.sources["wind"].data = {"x0": x, "y0": y, "x1": x + scale * u, "y1": y + scale * v}
+        ends = {
+            "x0": x - scale * u / 2,
+            "y0": y - scale * v / 2,
+            "x1": x + scale * u / 2,
+            "y1": y + scale * v / 2,
+        }
+        self.sources["wind"].data = ends
         x, y, heading = sight.robots
         colors = [theme.robot(n) for n in range(len(x))]
         reach = 0.03 * max(room[:2])
@@ -394,10 +399,21 @@ class Canvas:
         return None
 
 
-def gas_range(of: Scene) -> tuple[float, float]:
-    """Return the lowest and highest mole fraction of the gas [ppm] in the colours of a text's recording."""
-    recording = read(of.data, "recording")
-    return (recording if isinstance(recording, Recording) else Recording()).range_ppm
+def _colors(picture: Picture) -> np.ndarray:
+    """Return a picture as an image RGBA (uint32), linear between the middles of pixels.
+
+    Solids, and on a logarithmic scale the lowest values, are transparent.
+    """
+    from scipy.ndimage import zoom
+
+    def finer(values: np.ndarray) -> np.ndarray:
+        return np.asarray(zoom(values.astype(np.float32), times, order=1, mode="nearest", grid_mode=True))
+
+    times, air = max(1, FINE // max(picture.values.shape)), np.isfinite(picture.values)
+    shade = np.rint(finer(picture.scale.bytes(picture.values) * air) / np.maximum(finer(air), 1e-6))
+    pixels = theme.colors_of(picture.unit)(shade.astype(np.uint8), bytes=True)
+    pixels[~np.kron(air, np.ones((times, times), bool)) | (picture.scale.kind == "log") & (shade == 0)] = 0
+    return np.ascontiguousarray(pixels).view(np.uint32)[..., 0]
 
 
 def _columns(outlines: Sequence[np.ndarray]) -> dict[str, Any]:

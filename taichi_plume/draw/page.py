@@ -24,7 +24,7 @@ from bokeh.models import (
 )
 
 from taichi_plume.draw import edits
-from taichi_plume.draw.canvas import UNLIKELY, WRONG, Canvas, gas_range
+from taichi_plume.draw.canvas import UNLIKELY, WRONG, Canvas
 from taichi_plume.draw.checks import Remark
 from taichi_plume.draw.drafts import Draft
 from taichi_plume.draw.form_panel import FormPanel
@@ -469,12 +469,15 @@ class Page(Pointer):
 
     @property
     def usage(self) -> str:
-        """Use of the pointer in the views or, while a run is seen, the scale of its gas; as HTML."""
-        of = self.runs.scene
-        if self.runs.sight is None or of is None or self.kind != "select":
+        """Use of the pointer in the views or, while a run is seen, the scale of its picture; as HTML."""
+        picture = self.runs.picture
+        if picture is None or self.kind != "select":
             return super().usage
-        low, high = gas_range(of)
-        return f"Gas from {low:g} ppm (white) to {high:g} ppm (dark), logarithmic; lines show the wind."
+        scale, unit = picture.scale, "" if picture.unit == "1" else f" {picture.unit}"
+        low, high = ("white", "dark") if picture.unit == "ppm" else ("blue", "red")
+        ends = f"from {scale.low:g}{unit} ({low}) to {scale.high:g}{unit} ({high})"
+        kind = ", logarithmic" if scale.kind == "log" else ""
+        return escape(f"{picture.quantity} {ends}{kind}; lines show the wind.")
 
     def look(self) -> None:
         """Show the state of the runs, and of the file."""
@@ -483,6 +486,6 @@ class Page(Pointer):
         self.hint.text = self.usage
         begun = (sight is None) != (self.canvases[ABOVE].sight is None)
         for canvas in self.canvases.values():
-            canvas.show_run(sight, of, self.scene, f"run {self.runs.number}")
+            canvas.show_run(sight, of, self.scene, f"run {self.runs.number}", self.runs.picture)
         if begun:
             self._show_remarks()  # walkers are drawn otherwise while a run is seen

@@ -13,7 +13,7 @@ from taichi_plume.draw.document import data_of
 from taichi_plume.draw.objects import Scene, named, names
 from taichi_plume.draw.runs import Run
 from taichi_plume.draw.workplace import Workplace
-from taichi_plume.execution.watch_file import Sight
+from taichi_plume.execution.latest_instant import Instant, Picture
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.report import theme
 
@@ -39,7 +39,7 @@ class RunPanel:
     ):
         self.workplace, self.ask, self.say, self.look = workplace, ask, say, look
         self.number = 0
-        self._shown: Sight | None = None
+        self._shown: Instant | None = None
         self._frames: tuple[int, bool] = (0, False)
         self.stop = Button(label="■ Stop", width=80, disabled=True, name="stop")
         self.stop.on_click(self._stop)
@@ -63,9 +63,12 @@ class RunPanel:
         self.plot.axis.axis_label_text_font_style = "normal"
         self.shown = Select(title="shown run", width=120, visible=False, name="shown")
         self.shown.on_change("value", lambda _attr, _old, new: self._chosen(new))
+        self.quantity = Select(title="shown quantity", width=200, visible=False, name="quantity")
+        self.quantity.on_change("value", lambda _attr, _old, _new: self.look())
         self.table = Div(width=410, name="runs")
         self.layout = column(
-            row(self.stop, self.progress), self.plot, self.links, self.output, self.shown, self.table,
+            row(self.stop, self.progress), self.plot, self.links, self.output,
+            row(self.shown, self.quantity), self.table,
             sizing_mode="stretch_height", styles={"overflow-y": "auto"},
         )  # fmt: skip
         first = "<p>Run the scenario first.</p>"
@@ -79,10 +82,16 @@ class RunPanel:
         return self.workplace.runs.run(self.number)
 
     @property
-    def sight(self) -> Sight | None:
+    def sight(self) -> Instant | None:
         """State of the shown run at its last moment; None once the run has ended and the text has changed."""
         run = self.run
         return run.sight if run is not None and (run.alive or run.text == self.workplace.text) else None
+
+    @property
+    def picture(self) -> Picture | None:
+        """Picture of the chosen quantity at that moment, the first by default; None without `sight`."""
+        pictures = self.sight.pictures if self.sight is not None else {}
+        return pictures.get(str(self.quantity.value), next(iter(pictures.values()), None))
 
     @property
     def scene(self) -> Scene | None:
@@ -139,6 +148,7 @@ class RunPanel:
         if run.sight is not self._shown:
             self._shown = run.sight
             self._show_readings(run.sight)
+            self._show_quantities(run.sight)
         as_asked = run.alive or run.state in ENDED or run.stopping
         lines = [] if as_asked or self.scene is None else map(self.scene.named, run.output)
         self.output.text = "".join(f"<div style='color:#d32f2f'>{escape(line)}</div>" for line in lines)
@@ -155,7 +165,7 @@ class RunPanel:
         words = f"{run.words}: {why}" if why else f"{run.words} {clock}{remaining}"
         self.progress.text = f"{bar} <b>run {run.number}</b> {escape(words)}"
 
-    def _show_readings(self, sight: Sight | None) -> None:
+    def _show_readings(self, sight: Instant | None) -> None:
         times, *readings = sight.readings.T if sight is not None else [np.empty(0)]
         self.plot.visible = bool(readings)
         self.curves.data = {
@@ -163,6 +173,15 @@ class RunPanel:
             "ys": readings,
             "color": [theme.robot(n) for n in range(len(readings))],
         }
+
+    def _show_quantities(self, sight: Instant | None) -> None:
+        """Offer the quantities of a run; the chosen one stays if the run has it."""
+        options = [(name, of.quantity) for name, of in sight.pictures.items()] if sight is not None else []
+        if self.quantity.options == options:
+            return
+        names = [name for name, _ in options]
+        chosen = self.quantity.value if self.quantity.value in names else (names or [""])[0]
+        self.quantity.update(options=options, value=chosen, visible=len(options) > 1)
 
     def _show_frames(self, run: Run) -> None:
         there = not run.alive and (run.folder / "report.html").is_file()

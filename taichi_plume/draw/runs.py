@@ -15,8 +15,8 @@ from typing import Any
 
 from taichi_plume.draw.document import data_of
 from taichi_plume.draw.objects import Scene, named, names
+from taichi_plume.execution.latest_instant import Instant, read
 from taichi_plume.execution.summary import ending, robots_found
-from taichi_plume.execution.watch_file import Sight, read
 from taichi_plume.files import disk
 from taichi_plume.files.disk import written_whole
 from taichi_plume.files.run_folder import read_json
@@ -44,7 +44,7 @@ class Run:
         self.begun = time.monotonic()
         self.wall: float | None = None
         self.stopping = False
-        self.sight: Sight | None = None
+        self.sight: Instant | None = None
         self._result: Mapping[str, Any] | None = None
 
     @property

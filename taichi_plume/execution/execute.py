@@ -13,6 +13,7 @@ from taichi_plume.assembly import own_code
 from taichi_plume.assembly.preparation import Prepared
 from taichi_plume.engine import program
 from taichi_plume.execution import result
+from taichi_plume.execution.latest_instant import InstantFile
 from taichi_plume.execution.outputs import About, Outputs
 from taichi_plume.execution.progress import NotebookBar, TerminalBar, progress_bar
 from taichi_plume.execution.rehearsal import rehearse
@@ -21,7 +22,6 @@ from taichi_plume.execution.signals import (
     handling_signals,
     ignoring_signals,
 )
-from taichi_plume.execution.watch_file import WatchFile
 from taichi_plume.files import checkpoint, manifest, run_folder
 from taichi_plume.files.own_class import OwnAlgorithmError, Permission
 from taichi_plume.files.run_folder import RunFolder
@@ -64,7 +64,7 @@ class Job(NamedTuple):
 
     arch, backend: the requested device, and the actual one; saved: content of the checkpoint if the run is resumed;
     live: address of a viewer; report: whether to write the report; service: connection of external robots; progress:
-    whether to show a progress bar, by default at a terminal and in a notebook; watch: file of `watch_file`.
+    whether to show a progress bar, by default at a terminal and in a notebook; watch: file of `InstantFile`.
     """
 
     prepared: Prepared
@@ -234,7 +234,7 @@ def _run(job: Job, sim: TimeLoop, outputs: Outputs, signals: SignalRequests, bar
                 bar.begin(sim)
                 sim.observers.append(Every(sim.dt, bar.update, warm_up=True))
             if job.watch is not None:
-                sim.observers.append(Every(sim.dt, WatchFile(sim, job.watch).update, warm_up=True))
+                sim.observers.append(Every(sim.dt, InstantFile(sim, job.watch).update, warm_up=True))
             if job.service is not None:
                 stack.callback(job.service.close)
                 job.service.attach(sim, signals)

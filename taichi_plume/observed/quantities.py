@@ -121,6 +121,11 @@ class Quantity:
     """Further attributes of its variables."""
 
     @property
+    def label(self) -> str:
+        """Name of the species, or the key of a quantity that is not one of the species."""
+        return self.attributes.get("species", self.key)
+
+    @property
     def entity(self) -> str:
         """Path in a recording above the quantity's pictures."""
         return self.key.replace("_", "/")

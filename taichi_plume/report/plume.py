@@ -101,7 +101,7 @@ class PlumeView:
         extent = run.scenario.domain.extent
         self.length = max(extent[d] for d in self.plane)
         solids = scene.draw(axes, run.scenario, run.shapes, False, self.plane, starts=False)
-        colors = theme.GAS if picture.units == "ppm" else theme.WARMTH
+        colors = theme.colors_of(picture.units)
         self.image = axes.imshow(
             np.zeros(picture.shape[-2:], np.uint8), cmap=colors, vmin=0, vmax=255, origin="lower",
             extent=edges(picture), interpolation="bilinear", zorder=1,

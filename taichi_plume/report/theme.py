@@ -71,9 +71,14 @@ GAS: Colormap = LinearSegmentedColormap.from_list(
     "plume", [FLOOR, "#fde9a9", "#fdbb57", "#f4763b", "#cf2f2c", "#7d0d2b", "#3b0518"]
 )
 """Colours of gas on paper: the floor's colour without gas."""
-WARMTH = "RdYlBu_r"
+WARMTH = mpl.colormaps["RdYlBu_r"]
 HALO = [withStroke(linewidth=2.2, foreground=PAPER)]
 """Outline of a line or of letters on a picture."""
+
+
+def colors_of(unit: str) -> Colormap:
+    """Return the colours on paper of a quantity with a unit: of the gas for ppm."""
+    return GAS if unit == "ppm" else WARMTH
 
 
 @contextmanager

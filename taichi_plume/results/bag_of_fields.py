@@ -1,12 +1,14 @@
-"""Topics of a run's ROS 2 bag (`bag_of_run`) for fields: floor plan, gas as point clouds, gas maps."""
+"""Topics of a run's ROS 2 bag (`bag_of_run`) for fields: floor plan, scalars as point clouds, gas maps."""
 
 import json
 from collections.abc import Iterator
 from math import ceil
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from taichi_plume.files import pictures_file, point_clouds
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_robots import MapFrame
 from taichi_plume.guard.terminal import say
@@ -15,13 +17,10 @@ from taichi_plume.results.run import Run
 if TYPE_CHECKING:
     import xarray
 
+NO_CLOUDS = ("m s-1", "kg m-3")
+"""Units of film variables that are not shown: the wind, and gases that the film has in ppm too."""
 Stamped = tuple[float, str, ros.Message]
 """Time [s], topic and message."""
-
-
-def species(name: str) -> str:
-    """Return the name of the gas of a variable such as ethanol_ppm, as a valid part of a ROS topic."""
-    return ros.word(name.removesuffix("_ppm"))
 
 
 def floor(run: Run, allow_outside: bool) -> tuple[ros.Message, MapFrame]:
@@ -50,28 +49,51 @@ def floor(run: Run, allow_outside: bool) -> tuple[ros.Message, MapFrame]:
     return frame.grid(np.where(taken, 100, 0), h, -h, 0.0), frame
 
 
-def clouds(run: Run, name: str, most: int, least: float, frame: MapFrame) -> Iterator[Stamped]:
-    """Yield a gas [ppm] per film frame as (time, topic, point cloud): at most `most` points of at least `least`."""
+def scalars(run: Run) -> "tuple[xarray.Dataset, list[str]]":
+    """Return a run's film, or without a film the pictures of its recording, and the names of the scalars to be shown.
+
+    Of pictures these are those in the first horizontal slice. A run without both has none.
+    """
+    if run.has("fields.zarr"):
+        names = [
+            name
+            for name, of in run.fields.data_vars.items()
+            if "time" in of.dims and of.attrs.get("units") not in NO_CLOUDS
+        ]
+        return run.fields, [str(name) for name in names]
+    if run.has(pictures_file.NAME):
+        pictures = run.pictures.data_vars.items()
+        return run.pictures, [str(name) for name, of in pictures if of.attrs["view"] == "slice"]
+    import xarray
+
+    return xarray.Dataset(), []
+
+
+def cloud_topic(data: "xarray.Dataset", name: str) -> str:
+    """Return the topic of a scalar's clouds, such as /plume/ethanol."""
+    return f"/{point_clouds.topic(data[name].attrs.get('species', name.removesuffix('_slice')))}"
+
+
+def clouds(
+    data: "xarray.Dataset", folder: Path, name: str, most: int, least: float, frame: MapFrame
+) -> Iterator[Stamped]:
+    """Yield the instants of a scalar as (time, topic, point cloud), from t = 0 on; see `point_clouds.columns`.
+
+    data: of `scalars`, of the run in a folder. Raises RunFolderError if values are damaged.
+    """
     from taichi_plume.results.export import frames
 
-    data = run.fields
-    axes = [str(axis) for axis in data[name].dims if axis != "time"]
-    side = 1
-    while np.prod([ceil(data.sizes[axis] / side) for axis in axes]) > most:
-        side += 1
-    read, share = frames(data, run.folder), data["air"].transpose(*axes)
-    blocks = dict.fromkeys(axes, side)
-    places = [data[axis].coarsen({axis: side}, boundary="pad").mean().values for axis in axes]
-    z, y, x = np.meshgrid(*([[0.0]] if len(axes) == 2 else []), *places, indexing="ij")
-    air = share.coarsen(blocks, boundary="pad").sum()
+    read, of, called = frames(data, folder), data[name], cloud_topic(data, name)
+    axes = [str(axis) for axis in of.dims if axis != "time"]
+    places = [data[axis].values for axis in axes]
+    air = data["air"].transpose(*axes).values if "air" in data else None
     for n, t in enumerate(data["time"].values.tolist()):
-        if t < 0.0:
-            continue
-        gas = share.copy(data=np.where(share.values > 0, read(name, n) * share.values, 0.0))
-        mean = (gas.coarsen(blocks, boundary="pad").sum() / air.where(air > 0)).values.reshape(x.shape)
-        there = mean >= least
-        columns = {"x": x[there], "y": y[there], "z": z[there], "ppm": mean[there]}
-        yield t, f"/plume/{species(name)}", frame.cloud(columns, t)
+        if t >= 0.0:
+            level = of.attrs.get("level", 0.0)
+            columns = point_clouds.columns(
+                read(name, n), places, of.attrs.get("units", ""), level, air, most, least
+            )
+            yield t, called, frame.cloud(columns, t)
 
 
 def maps_of(run: Run, trial: int) -> Iterator[tuple[str, "xarray.Dataset", int]]:

@@ -10,8 +10,10 @@ The bag holds one trial, with every message at its simulated time. Robot k of a 
 
 Common topics are /tf and /tf_static (map, GROUP_k/odom, GROUP_k/base_link, GROUP_k/gas_sensor, GROUP_k/anemometer),
 /clock and /map, occupied where no robot can be. The frame GROUP_k/odom is map: readings stand at their believed
-positions, as in the maps of the run. A run with `fields` has the gas as points, /plume/SPECIES, and a run with `maps`
-the final gas maps, /gas_maps/map_N in percent of the peak and /gas_maps/map_N/cells as points.
+positions, as in the maps of the run. A run with `fields` has gas and temperature as points, /plume/SPECIES and
+/plume/temperature. Without `fields` these are of the recording's first horizontal slice, and /plume/gas is the sum of
+several species. A run with `maps` has the final gas maps, /gas_maps/map_N in percent of the peak and
+/gas_maps/map_N/cells as points.
 """
 
 from collections.abc import Iterator
@@ -22,6 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
+from taichi_plume.files import point_clouds
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.bag_writer import BagWriter, NoBagError, new_bag
 from taichi_plume.files.ros_odometry import ODOMETRY, DeadReckoning
@@ -39,7 +42,15 @@ from taichi_plume.files.ros_robots import (
     wind_fields,
 )
 from taichi_plume.files.run_folder import RunFolderError
-from taichi_plume.results.bag_of_fields import Stamped, clouds, floor, maps_at_end, maps_of, species
+from taichi_plume.results.bag_of_fields import (
+    Stamped,
+    cloud_topic,
+    clouds,
+    floor,
+    maps_at_end,
+    maps_of,
+    scalars,
+)
 from taichi_plume.results.run import Run
 from taichi_plume.scenario.gas_sensors import GasSensor
 from taichi_plume.scenario.metal_oxides import MOX_MODELS, MoxSensor
@@ -62,8 +73,8 @@ class Choice:
 
     trial: int = 0
     begin: float = 0.0
-    points: int = 20_000
-    least: float = 0.1
+    points: int = point_clouds.MOST_POINTS
+    least: float = point_clouds.LEAST
     allow_outside: bool = False
 
 
@@ -73,10 +84,9 @@ def write(run: Run, out: Path, choice: Choice, force: bool = False) -> list[Path
     Raises RunFolderError if the run has nothing for a bag or the bag may not be written, and OSError.
     """
     robots = _robots(run, choice.trial)
-    names = map(str, run.fields.data_vars if run.has("fields.zarr") else ())
-    gases = [name for name in names if name.endswith("_ppm")]
-    if not robots and not gases:
-        raise RunFolderError(f"{run.folder}: has neither robots nor fields, so there is nothing for a bag")
+    data, names = scalars(run)
+    if not robots and not names:
+        raise RunFolderError(f"{run.folder}: has neither robots nor fields nor pictures: nothing for a bag")
     end = choice.begin + float(run.scenario.duration)
     if not end < LATEST:
         raise RunFolderError(f"{run.folder}: ends at {end:g} s; ROS takes under {LATEST} s: lower --begin")
@@ -84,13 +94,13 @@ def write(run: Run, out: Path, choice: Choice, force: bool = False) -> list[Path
     facts |= {"name": run.scenario.name, "trial": str(choice.trial), "made_by": f"taichi_plume {__version__}"}
     try:
         with new_bag(out, facts, force) as bag:
-            _topics(bag, run, robots, gases, choice)
+            _topics(bag, run, robots, [cloud_topic(data, name) for name in names], choice)
             plan, frame = floor(run, choice.allow_outside)
             streams: list[Iterator[Stamped]] = [_still(run, robots, plan, frame)]
-            times = [float(t) for t in robots[0].table["t"]] if robots else run.fields.time.values.tolist()
+            times = [float(t) for t in robots[0].table["t"]] if robots else data.time.values.tolist()
             streams += [((t, "/clock", None) for t in times if t >= 0), _moving(robots, frame)]
             streams += [_readings(robot, frame) for robot in robots]
-            streams += [clouds(run, name, choice.points, choice.least, frame) for name in gases]
+            streams += [clouds(data, run.folder, name, choice.points, choice.least, frame) for name in names]
             streams.append(maps_at_end(run, choice.trial, frame))
             for t, topic, message in merge(*streams, key=lambda stamped: stamped[0]):
                 now = choice.begin + t
@@ -113,7 +123,7 @@ def _stamped(message: ros.Message, now: float) -> ros.Message:
     return message
 
 
-def _topics(bag: BagWriter, run: Run, robots: "list[Robot]", gases: list[str], choice: Choice) -> None:
+def _topics(bag: BagWriter, run: Run, robots: "list[Robot]", plumes: list[str], choice: Choice) -> None:
     bag.topic("/clock", CLOCK)
     bag.topic("/map", ros.GRID, latched=True)
     if robots:
@@ -123,8 +133,8 @@ def _topics(bag: BagWriter, run: Run, robots: "list[Robot]", gases: list[str], c
         gas = [(numbered("gas", k), ros.GAS_SENSOR) for k in range(len(robot.group.sensors.noses))]
         for name, kind in (*gas, ("wind", ros.ANEMOMETER), ("odom", ODOMETRY), ("truth", POSE)):
             bag.topic(f"/{robot.name}/{name}", kind)
-    for name in gases:
-        bag.topic(f"/plume/{species(name)}", ros.POINTS)
+    for name in plumes:
+        bag.topic(name, ros.POINTS)
     for name, _, _ in maps_of(run, choice.trial):
         bag.topic(name, ros.GRID, latched=True)
         bag.topic(f"{name}/cells", ros.POINTS, latched=True)

@@ -138,7 +138,7 @@ class Service:
             if isinstance(team.algorithm, ExternalAlgorithm):
                 team.algorithm.order(Orders.none(team.algorithm.size), 0.0)
                 team.algorithm.sample()
-        for message in topics.View(sim).messages():
+        for message in topics.Scene(sim).messages():
             message.data()
         sim.advance()
         sim.swarm.snapshot()
@@ -146,8 +146,8 @@ class Service:
 
     def attach(self, sim: TimeLoop, signals: SignalRequests) -> None:
         self.sim, self.signals = sim, signals
-        view = topics.View(sim)
-        self._frame = view.frame
+        scene = topics.Scene(sim)
+        self._frame = scene.frame
         for team in sim.teams:
             if isinstance(team.algorithm, ExternalAlgorithm):
                 remark = self.remarks.append
@@ -165,7 +165,7 @@ class Service:
         self._first = np.concatenate(first_trials or [np.zeros(0, int)])
         self._names = [f"{ros.word(group.name)}_{n}" for group in groups for n in range(group.count)]
         sim.observers.insert(0, Every(sim.dt, lambda _: self.publish()))  # before files are written
-        sim.observers.append(Every(VIEW_S, lambda _: self._send(view.messages())))
+        sim.observers.append(Every(VIEW_S, lambda _: self._send(scene.messages())))
         sim.observers.append(Every(sim.dt, lambda _: self.keep_time()))
         gc.collect()
         gc.freeze()  # a collection of all objects made so far would take longer than a tick

@@ -5,7 +5,7 @@
                                                        believed ones; frames: ros_robots.py
     - tf_static          tf2_msgs/TFMessage            positions of the sensors on the robots of the first trial
     - map                nav_msgs/OccupancyGrid        obstacles and walls
-    - plume/SPECIES      sensor_msgs/PointCloud2       ppm at the height of the gas sensors, where LEAST or more
+    - plume/QUANTITY     sensor_msgs/PointCloud2       a quantity at the height of the gas sensors, see `Scene`
     - GROUP/readings     taichi_plume_msgs/Readings    all readings of the robots of an external group
     - GROUP/commands     taichi_plume_msgs/Commands    incoming: commands to these robots
     - ROBOT/cmd_vel      geometry_msgs/Twist           incoming: velocity of one robot, if the group takes velocities
@@ -21,11 +21,12 @@ robots with several gas sensors, gas and gas_raw are of the first sensor, gas_1 
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from math import ceil, cos, sin
+from math import cos, sin
 from typing import NamedTuple
 
 import numpy as np
 
+from taichi_plume.files import point_clouds
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_odometry import ODOMETRY, DeadReckoning
 from taichi_plume.files.ros_robots import (
@@ -39,12 +40,13 @@ from taichi_plume.files.ros_robots import (
     transform,
     wind_fields,
 )
-from taichi_plume.grid.fields import excess_at
+from taichi_plume.observed.observer import Observer
+from taichi_plume.observed.planes import Plane
+from taichi_plume.observed.quantities import quantities
+from taichi_plume.observed.views import Variable, View, layout
 from taichi_plume.time_loop import TimeLoop
 
 MOST_ROBOTS = 64
-LEAST = 0.1  # ppm
-MOST_POINTS = 20_000  # largest number of points of the gas cloud
 
 
 class Message(NamedTuple):
@@ -170,20 +172,21 @@ def _message(
     return Message(topic, name, lambda: ros.message(name, **make(*args, **fields)))
 
 
-class View:
-    """Visualisation of a simulation as messages: occupancy grid of the floor, points of gas with LEAST ppm or more."""
+class Scene:
+    """Scene of a simulation as messages: floor, sensors, and a point cloud of each quantity in the sensors' plane.
+
+    Topics of clouds are named by species, such as plume/ethanol, or by quantity: plume/temperature, and plume/gas for
+    the sum of several species. Points have x, y, z and a value, named by its unit: ppm or K.
+    """
 
     def __init__(self, sim: TimeLoop):
         self.sim, self.frame = sim, MapFrame.of(sim.scenario, sim.obstacles)
-        length, width, *_ = sim.grid.extent
-        step = sim.grid.dx
-        step *= max(1.0, ceil(np.sqrt(length * width / step**2 / MOST_POINTS)))
-        x, y = ((np.arange(max(1, round(size / step))) + 0.5) * step for size in (length, width))
-        self.places = np.stack(np.meshgrid(x, y, indexing="xy"), axis=-1).reshape(-1, 2)
         heights = [group.model.sensors.nose.height for group in sim.swarm.groups]
         self.height = min(heights, default=0.0) if sim.grid.dim == 3 else 0.0
-        above = np.full((len(self.places), 1), self.height)
-        self.points = np.hstack([self.places, above]) if sim.grid.dim == 3 else self.places
+        normal = (2, self.height) if sim.grid.dim == 3 else (None, None)
+        plane = Plane("sensors", (0, 1), *normal, "at the height of the gas sensors")
+        self.observer = Observer(sim, [View(each, plane, 1.0) for each in quantities(sim)])
+        self.variables, self.places = layout(self.observer.views, self.observer.samples)
         self.floor = self._floor()
 
     def _floor(self) -> np.ndarray:
@@ -196,15 +199,15 @@ class View:
         return np.where(away > 0, 0, 100)
 
     def messages(self) -> list[Message]:
-        """Return the messages with sensors, floor and gas at the present time."""
+        """Return the messages with sensors, floor and quantities at the present time."""
         t, dx = self.sim.t, self.sim.grid.dx
         floor = partial(self.frame.grid, self.floor, dx, -dx, t)
         return [
             Message("tf_static", TRANSFORMS, self._sensors),
             Message("map", ros.GRID, floor),
             *(
-                Message(f"plume/{ros.word(species.name)}", ros.POINTS, partial(self._gas, n, t))
-                for n, species in enumerate(self.sim.gas.species)
+                Message(point_clouds.topic(each.view.quantity.label), ros.POINTS, partial(self._cloud, each))
+                for each in self.variables
             ),
         ]
 
@@ -215,10 +218,9 @@ class View:
         places = [each for name, model in robots for each in carried(name, model.sensors, flat)]
         return ros.message(TRANSFORMS, transforms=places)
 
-    def _gas(self, n: int, t: float) -> object:
-        """Return the ROS message with the concentration of species n above its background as points, at time t [s]."""
-        ppm = excess_at(self.sim.gas, self.points, t)[:, n]
-        there = ppm >= LEAST
-        x, y = self.places[there].T
-        columns = {"x": x, "y": y, "z": np.full(len(x), self.height), "ppm": ppm[there]}
-        return self.frame.cloud(columns, t)
+    def _cloud(self, of: Variable) -> object:
+        """Return the ROS message with the present values of a quantity as points."""
+        values = of.values(self.observer.observe(self.sim, [of.view]))
+        places = [self.places[dim][0] for dim in of.dims]
+        columns = point_clouds.columns(values, places, of.view.quantity.unit, self.height)
+        return self.frame.cloud(columns, self.sim.t)

@@ -23,8 +23,9 @@ from taichi_plume.draw import edits, workplace
 from taichi_plume.draw.page import Page
 from taichi_plume.draw.runs import Run
 from taichi_plume.draw.workplace import Workplace
-from taichi_plume.execution.watch_file import Sight
+from taichi_plume.execution.latest_instant import Instant, Picture
 from taichi_plume.guard.input_error import InputError
+from taichi_plume.observed.scales import Scale
 from taichi_plume.report.theme import ABOVE, SIDE
 
 ROOM = (ROOT / "configs/casting_room.yaml").read_text()
@@ -511,15 +512,42 @@ def test_questions_and_messages_name_the_objects_of_their_text(coded):
 
 def sight_at(t):
     gas = np.array([[0.0, 0.01], [10.0, 1e6]], np.float32)
-    return Sight(t, 10.0, 0.1, 2.0, "running", gas, np.ones((4, 3)), np.ones((3, 2)), np.ones((5, 3)))
+    warmth = np.array([[293.0, 294.0], [295.0, np.nan]], np.float32)
+    pictures = {
+        "gas_slice": Picture("ethanol", "ppm", Scale(0.1, 1000.0, "log"), 2.0, gas),
+        "temperature_slice": Picture("temperature", "K", Scale(293.0, 295.0, "linear"), 2.0, warmth),
+    }
+    arrays = np.ones((4, 3)), np.ones((3, 2)), np.ones((5, 3))
+    return Instant(t, 10.0, 0.1, 2.0, "running", *arrays, pictures)
 
 
 def test_the_picture_of_a_run_lies_under_the_objects(page):
     canvas: Any = page.canvases[ABOVE]
-    canvas.show_run(sight_at(1.0), page.scene)
-    image = canvas.sources["image"].data["image"][0]
-    alpha = image.view(np.uint8).reshape(2, 2, 4)[..., 3]
-    assert alpha.tolist() == [[0, 0], [255, 255]], "air without gas is transparent"
+    run = running(page, 1.0)
+
+    def image():
+        rgba = canvas.sources["image"].data["image"][0]
+        return rgba.view(np.uint8).reshape(*rgba.shape, 4)[:: len(rgba) - 1, :: len(rgba) - 1]
+
+    assert image()[..., 3].tolist() == [[0, 0], [255, 255]], "air without gas is transparent"
+    assert page.hint.text.startswith("ethanol from 0.1 ppm (white) to 1000 ppm (dark), logarithmic")
+    select = page.runs.quantity
+    assert select.visible
+    assert select.options == [("gas_slice", "ethanol"), ("temperature_slice", "temperature")]
+    select.value = "temperature_slice"
+    assert image()[..., 3].tolist() == [[255, 255], [255, 0]], "solids are transparent"
+    low, middle, high = image().reshape(4, 4)[:3, :3].astype(int)  # corners
+    assert low[2] > low[0], "blue"
+    assert high[0] > high[2], "red"
+    assert middle.min() > 150, "pale"
+    assert page.hint.text.startswith("temperature from 293 K (blue) to 295 K (red); lines")
+    run.sight = sight_at(2.0)
+    page.look()
+    assert select.value == "temperature_slice", "the choice stays"
+    run.sight = run.sight._replace(pictures=dict([*run.sight.pictures.items()][:1]))
+    page.look()
+    assert not select.visible
+    assert page.runs.picture.unit == "ppm"
     assert len(canvas.sources["robots"].data["x"]) == 2
     canvas.show_run(None)
     assert canvas.sources["image"].data["image"] == []

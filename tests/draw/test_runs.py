@@ -17,7 +17,7 @@ from scipy.integrate import quad
 
 from taichi_plume.draw.runs import Run, changes
 from taichi_plume.draw.workplace import Workplace
-from taichi_plume.execution import watch_file
+from taichi_plume.execution import latest_instant
 from taichi_plume.guard.input_error import InputError
 
 TEXT = """\
@@ -236,15 +236,23 @@ def test_changes_between_runs_are_named():
     assert changes("a: 1\nb: [1, 2]", "a: 2\nb: [1]") == "a: 1 → 2; b[1]: 2 → —"
 
 
-def test_a_watch_file_that_is_none_is_not_read(tmp_path):
-    assert watch_file.read(tmp_path / "none.npz") is None
+def test_a_file_that_is_damaged_is_not_read(tmp_path):
+    assert latest_instant.read(tmp_path / "none.npz") is None
     (tmp_path / "bad.npz").write_bytes(b"PK\x03\x04")
-    assert watch_file.read(tmp_path / "bad.npz") is None
+    assert latest_instant.read(tmp_path / "bad.npz") is None
     np.savez(tmp_path / "other.npz", a=np.ones(2))
-    assert watch_file.read(tmp_path / "other.npz") is None
+    assert latest_instant.read(tmp_path / "other.npz") is None
     with (tmp_path / "code.npz").open("wb") as file:
         np.savez(file, t=np.array([{}], object))
-    assert watch_file.read(tmp_path / "code.npz") is None
+    assert latest_instant.read(tmp_path / "code.npz") is None
+    whole: dict[str, Any] = dict.fromkeys(
+        ("t", "end", "done", "speed", "phase", "wind", "robots", "readings"), 1.0
+    )
+    for pictures in ("[]", "{", '{"a": {}}', '{"a": 1}'):
+        np.savez(tmp_path / "pictures.npz", **whole, pictures=np.array(pictures))
+        assert latest_instant.read(tmp_path / "pictures.npz") is None
+    np.savez(tmp_path / "pictures.npz", **whole, pictures=np.array("{}"))
+    assert latest_instant.read(tmp_path / "pictures.npz").pictures == {}
 
 
 def plume(x: float, y: float) -> float:
@@ -259,26 +267,26 @@ def plume(x: float, y: float) -> float:
 
 @pytest.mark.usefixtures("taichi")
 @pytest.mark.slow
-def test_a_watch_file_holds_the_air_and_the_robots(tmp_path):
+def test_the_latest_instant_holds_the_air_and_the_robots(tmp_path):
     import taichi_plume as tp
     from taichi_plume.guard.yaml_text import parse
 
     with tp.Simulation(parse(TEXT)) as sim:
-        watch = watch_file.WatchFile(sim.loop, tmp_path / "w.npz")
+        watch = latest_instant.InstantFile(sim.loop, tmp_path / "w.npz")
         watch.written = float("-inf")
         (tmp_path / "victim").write_text("mine")
         (tmp_path / "w.npz.new").symlink_to(tmp_path / "victim")
         sim.run(until=2)
         watch.update(sim.loop)
         assert (tmp_path / "victim").read_text() == "mine"
-        sight = watch_file.read(tmp_path / "w.npz")
-        ny, nx = sight.gas.shape
-        x, y = (np.arange(nx) + 0.5) * 2 / nx, (np.arange(ny) + 0.5) / ny
-        near = int(np.argmin(np.abs(y - 0.5)))
+        sight = latest_instant.read(tmp_path / "w.npz")
+        (gas,) = sight.pictures.values()
+        assert (gas.quantity, gas.unit, gas.cell, gas.values.shape) == ("ethanol", "ppm", 0.1, (10, 20))
         density = sim.loop.gas.species[0].ppm_per_density
-        for n in range(0, nx, 16):
-            expected = density * plume(x[n] - 0.4, y[near] - 0.5)
-            assert sight.gas[near, n] == pytest.approx(expected, rel=0.02, abs=0.01)
+        for n in range(20):
+            corners = [(0.1 * n + dx - 0.4, dy) for dx in (0.025, 0.075) for dy in (0.025, 0.075)]
+            expected = density * max(plume(x, y) for x, y in corners)
+            assert gas.values[5, n] == pytest.approx(expected, rel=0.02, abs=0.01)
         assert sight.wind[2:] == pytest.approx(np.broadcast_to([[0.3], [0.0]], sight.wind[2:].shape))
         robots = sim.robots
         assert sight.robots[0] == pytest.approx(robots.x)

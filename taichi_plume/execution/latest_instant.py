@@ -1,0 +1,127 @@
+"""Latest instant of a running simulation in one small file, for a program that shows the run while it goes on.
+
+The file holds the pictures of all scalars and the wind on the first horizontal slice of the recording, robots, readings
+and progress. It is replaced about twice a second of wall-clock time; `read` returns its content.
+"""
+
+import json
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+from zipfile import BadZipFile
+
+import numpy as np
+
+from taichi_plume.execution.progress import phase
+from taichi_plume.files.disk import written_whole
+from taichi_plume.guard.safe_open import open_regular
+from taichi_plume.observed.observer import Observer
+from taichi_plume.observed.scales import Scale
+from taichi_plume.observed.views import layout, views
+from taichi_plume.time_loop import TimeLoop
+
+PERIOD = 0.5  # s of wall-clock time between updates
+SAMPLES = 1000  # of the readings, in a run
+MOST_ROBOTS = 12  # whose readings are noted
+
+
+class Picture(NamedTuple):
+    """Values of a quantity, (ny, nx), NaN without air; cell: width of a pixel [m]; scale: of the colours."""
+
+    quantity: str
+    unit: str
+    scale: Scale
+    cell: float
+    values: np.ndarray
+
+
+class Instant(NamedTuple):
+    """State of a run at one instant. t: simulated time [s]; end: of the run; done: completed fraction.
+
+    speed: simulated over wall-clock time; phase: "compiling", "warm-up" or "running". wind: (x, y, u, v) of arrows,
+    (4, n); robots: (x, y, heading) of the first trial, (3, robots); readings: time [s] and the readings [ppm] of these
+    robots since the start, (samples, 1 + robots). pictures: by name, such as "gas_slice", the sum of the gases first.
+    """
+
+    t: float
+    end: float
+    done: float
+    speed: float
+    phase: str
+    wind: np.ndarray
+    robots: np.ndarray
+    readings: np.ndarray
+    pictures: dict[str, Picture]
+
+
+class InstantFile:
+    """Writer of the latest instant of a simulation to an NPZ file; failures to write are ignored."""
+
+    def __init__(self, sim: TimeLoop, path: Path):
+        self.path, self.written = path, -PERIOD
+        self.begun, self.first = time.monotonic(), sim.tick
+        self.observer = Observer(sim, [view for view in views(sim) if view.plane.name == "slice"])
+        scalars = [view for view in self.observer.views if not view.quantity.components]
+        (self.wind,) = (view.name for view in self.observer.views if view.quantity.components)
+        self.variables = layout(scalars, self.observer.samples).variables
+        groups = sim.swarm.groups if sim.swarm.count else []
+        self.robots = np.concatenate(
+            [np.arange(group.count * group.trials) < group.count for group in groups] or [np.empty(0, bool)]
+        )
+        self.readings: list[np.ndarray] = []
+        self.every = max(1, (sim.last_tick - sim.tick) // SAMPLES)
+
+    def update(self, sim: TimeLoop) -> None:
+        """Note the readings, and replace the file unless it has just been written."""
+        if sim.swarm.count and sim.tick >= 0 and sim.tick % self.every == 0:
+            readings = sim.swarm.snapshot()["reading_ppm"][self.robots][:MOST_ROBOTS]
+            self.readings.append(np.concatenate([[sim.t], readings]))
+        now = time.monotonic()
+        if now >= self.written + PERIOD or sim.finished:
+            self.written = now
+            self._write({name: np.asarray(of) for name, of in self._content(sim, now).items()})
+
+    def _content(self, sim: TimeLoop, now: float) -> dict[str, Any]:
+        pictures = self.observer.observe(sim)
+        wind = [pictures[self.wind][:2], np.moveaxis(self.observer.samples[self.wind].points[..., :2], -1, 0)]
+        robots = np.empty((3, 0))
+        if sim.swarm.count:
+            state = sim.swarm.snapshot()
+            robots = np.stack([*state["position"][:, :2].T, state["heading"]])[:, self.robots]
+        first, last = sim.scenario.first_tick, sim.last_tick
+        return {
+            "t": sim.t,
+            "end": sim.scenario.duration,
+            "done": (sim.tick - first) / max(1, last - first),
+            "speed": (sim.tick - self.first) * sim.dt / max(now - self.begun, 1e-9),
+            "phase": phase(sim),
+            "wind": np.concatenate(wind[::-1]).reshape(4, -1).astype(np.float32),
+            "robots": robots.astype(np.float32),
+            "readings": np.array(self.readings or np.empty((0, 1)), np.float32),
+            "pictures": json.dumps({each.name: each.attributes for each in self.variables}),
+            **{each.name: each.values(pictures) for each in self.variables},
+        }
+
+    def _write(self, content: dict[str, np.ndarray]) -> None:
+        with (
+            suppress(OSError),
+            written_whole(self.path, durable=False) as fresh,
+            fresh.open("wb") as file,
+        ):
+            np.savez(file, **content)  # pyright: ignore[reportArgumentType]
+
+
+def read(path: Path) -> Instant | None:
+    """Return the content of a file of `InstantFile`; None if there is none yet, or if it cannot be read."""
+    try:
+        with open_regular(path) as content, np.load(content, allow_pickle=False) as file:
+            t, end, done, speed = (float(file[key]) for key in ("t", "end", "done", "speed"))
+            wind, robots, readings = (file[key] for key in ("wind", "robots", "readings"))
+            pictures = {
+                name: Picture(of["quantity"], of["units"], Scale.of(of), of["cell"][0], file[name])
+                for name, of in json.loads(str(file["pictures"])).items()
+            }
+            return Instant(t, end, done, speed, str(file["phase"]), wind, robots, readings, pictures)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, BadZipFile):
+        return None
