@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_plume.cli import picture, run
+from taichi_plume.__main__ import main
+from taichi_plume.cli import run
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.results.film_pictures import FilmPictures
 from taichi_plume.results.run import Run
@@ -73,7 +74,7 @@ def test_fields_of_another_room_are_reported_in_a_line(folder):
 def test_the_command_takes_them_where_there_is_no_recording(folder, tmp_path, capsys):
     (folder / "recording.rrd").rename(tmp_path / "elsewhere.rrd")
     try:
-        assert picture.main([str(folder), "--out", str(tmp_path / "x.png"), "--width", "300"]) == 0
+        assert main(["picture", str(folder), "--out", str(tmp_path / "x.png"), "--width", "300"]) == 0
     finally:
         (tmp_path / "elsewhere.rrd").rename(folder / "recording.rrd")
     assert "gas column at t = 2 s" in capsys.readouterr().out
