@@ -78,5 +78,5 @@ def picture(
         path = Path(out or f"{opened.folder.resolve().name}-{name}-{moment:g}s.png")
         with written_whole(path) as fresh:
             figure.savefig(fresh, format=path.suffix[1:].lower())
-        drawn[path] = f"{plane.name.replace('_', ' ')} at t = {plane.times[-1]:.4g} s"
+        drawn[path] = f"{plane.name.replace('_', ' ')} at t = {plane.time.values[-1]:.4g} s"
     return drawn

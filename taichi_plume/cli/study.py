@@ -49,20 +49,17 @@ def run(
     Other options are those of `study`.
     """
     from taichi_plume.studies.plan import MOST_RUNS, SAMPLE, load_plan
+    from taichi_plume.studies.study_run import Settings, execute, print_check
 
-    progress, debug = options.get("progress", True), options.pop("debug")
-    plan = load_plan(source, options.get("allow_outside", False), progress, SAMPLE if check else MOST_RUNS)
-    folder = out or plan.default_out
+    debug, settings = options.pop("debug"), Settings(out or Path(), **options)
+    settings.check()
+    plan = load_plan(source, settings.allow_outside, settings.progress, SAMPLE if check else MOST_RUNS)
+    settings = settings._replace(out=out or plan.default_out)
     if check:
-        from taichi_plume.studies.study_run import print_check
-
         with reader_may_leave():
-            print_check(plan, folder)
+            print_check(plan, settings.out)
         return 0
-    from taichi_plume.studies.study_run import Settings, execute
-
-    settings = Settings(folder, **options)
-    return print_end(execute(plan, settings), not progress, debug, settings.report)
+    return print_end(execute(plan, settings), not settings.progress, debug, settings.report)
 
 
 def print_end(end: "End", quiet: bool, debug: bool = False, report: bool = True) -> int:
