@@ -30,7 +30,7 @@ from taichi_plume.engine import program
 from taichi_plume.envs import bank as banks
 from taichi_plume.envs import export_onnx, sb3_env
 from taichi_plume.envs.task import open_task
-from taichi_plume.examples import path_of
+from taichi_plume.files.bundled import path_of
 from taichi_plume.guard.terminal import say
 from taichi_plume.scenario.algorithms import Casting
 from taichi_plume.scenario.scenario import Scenario

@@ -1,6 +1,7 @@
-"""Entry point of all commands: ``taichi-plume run CONFIG`` is ``python -m taichi_plume.run CONFIG``, and so on.
+"""Entry point of all commands: ``taichi-plume run CONFIG``, or ``python -m taichi_plume run CONFIG``, and so on.
 
-Exit codes are those of the commands; 2 for an unknown command.
+A command without a module in `cli` calls the function of its name in `api` and prints the result. Exit codes are those
+of the commands; 2 for an unknown command.
 """
 
 import sys
@@ -34,11 +35,18 @@ COMMANDS = {
 
 MODULES = {"validation": "validation.__main__"}
 """Modules of commands that are not in `cli`."""
+CALLS = ("report", "picture", "export", "repair")
+"""Commands that print the result of the call of their name."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    if arguments and arguments[0] in CALLS:
+        from taichi_plume.cli.options import command
+
+        call = getattr(import_module(f"taichi_plume.api.{arguments[0]}"), arguments[0])
+        return command(arguments[0], call, arguments[1:])
     if arguments and arguments[0] in COMMANDS:
         module = import_module(f"taichi_plume.{MODULES.get(arguments[0], f'cli.{arguments[0]}')}")
         return module.main(arguments[1:])
@@ -56,10 +64,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 2  # not reached: the parser has refused an unknown command
 
 
-def command(name: str = "") -> NoReturn:
+def end_by(name: str = "") -> NoReturn:
     """Run this process's command line and exit with its code. name: the command, unless the first argument names it."""
     leave(main([name, *sys.argv[1:]] if name else None))
 
 
 if __name__ == "__main__":
-    command()
+    end_by()

@@ -136,7 +136,7 @@ def goes_on(folder: Path) -> Left:
 def repaired(folder: Path) -> Left:
     """Complete the files of a killed run."""
     by_signal(folder, signal.SIGKILL)
-    done = _command(folder, [sys.executable, "-m", "taichi_plume.repair", "out"])
+    done = _command(folder, [sys.executable, "-m", "taichi_plume", "repair", "out"])
     return _left(folder, done.returncode, done.stdout + done.stderr)
 
 
@@ -200,7 +200,7 @@ FAULTS: dict[str, Callable[[Path], Left]] = {
     "SIGXCPU: the limit of CPU time is reached": lambda folder: by_signal(folder, signal.SIGXCPU),
     "SIGUSR1": goes_on,
     "SIGKILL": lambda folder: by_signal(folder, signal.SIGKILL),
-    "SIGKILL, then `python -m taichi_plume.repair out`": repaired,
+    "SIGKILL, then `python -m taichi_plume repair out`": repaired,
     "a file reaches the size limit, or the disk is full": disk_full,
     "an own algorithm raises an error": own_code,
     "the folder is removed": removed,

@@ -12,7 +12,8 @@ import pytest
 import rerun as rr
 
 from taichi_plume import __version__, open_run
-from taichi_plume.cli import export, maps
+from taichi_plume.__main__ import main
+from taichi_plume.cli import maps
 from taichi_plume.cli import run as run_command
 from taichi_plume.files import disk
 from taichi_plume.files.bag_readings import BagOptions
@@ -35,7 +36,7 @@ def run(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def bag(run) -> Path:
     """Its second trial as a bag."""
-    assert export.main([str(run), "--to", "mcap", "--trial", "1", "--begin", str(BEGIN)]) == 0
+    assert main(["export", str(run), "--to", "mcap", "--trial", "1", "--begin", str(BEGIN)]) == 0
     return run / "bag"
 
 
@@ -95,7 +96,7 @@ def test_options_of_bags_are_of_bags(run, capsys):
         (["--to", "mcap", "--from", "film"], "--from film is only for --to netcdf"),
     ):
         with pytest.raises(SystemExit) as error:
-            export.main([str(run), *options])
+            main(["export", str(run), *options])
         assert error.value.code == 2
         assert reported in capsys.readouterr().err
 
@@ -120,7 +121,7 @@ def test_walls_from_files_elsewhere_are_asked_for(tmp_path, capsys):
     for options in ([], ["--allow-outside"]):
         capsys.readouterr()
         bag = str(tmp_path / f"bag{len(options)}")
-        assert export.main([str(out), "--to", "mcap", "--out", bag, *options]) == 0
+        assert main(["export", str(out), "--to", "mcap", "--out", bag, *options]) == 0
         assert ("note: /map: Obstacle 0" in capsys.readouterr().err) is not bool(options)
         taken.append((bag_of_fields.floor(open_run(out), bool(options))[0].data == 100).sum())
         (_, plan), *_ = messages_of(Path(bag))["/map"]
@@ -139,7 +140,7 @@ def test_walls_from_files_elsewhere_are_asked_for(tmp_path, capsys):
 
 def test_each_sensor_of_a_robot_has_a_topic(run):
     """A detector ahead, and a metal oxide for another gas to the left, with the law of that."""
-    assert export.main([str(run), "--to", "mcap", "--trial", "0", "--out", str(run / "first")]) == 0
+    assert main(["export", str(run), "--to", "mcap", "--trial", "0", "--out", str(run / "first")]) == 0
     said = messages_of(run / "first")
     table = open_run(run).robots
     rows = table[(table.group == "linear") & (table.t > 0)]
@@ -227,7 +228,7 @@ def test_the_variance_of_the_heading_is_that_of_turns_and_paths(run, said):
     found = numbers(odom, lambda m: m.pose.covariance[35])
     assert wanted[-1] > 1e-3
     np.testing.assert_allclose(found, wanted, rtol=1e-3)
-    assert export.main([str(run), "--to", "mcap", "--trial", "0", "--out", str(run / "known")]) == 0
+    assert main(["export", str(run), "--to", "mcap", "--trial", "0", "--out", str(run / "known")]) == 0
     exact = [one for _, one in messages_of(run / "known")["/linear_0/odom"]]
     assert not any(one.pose.covariance.any() or one.twist.covariance.any() for one in exact)
 
@@ -436,7 +437,7 @@ def test_what_cannot_be_is_reported_in_a_line(run, tmp_path, capsys):
         (["--out", str(tmp_path / "link"), "--force"], "is no folder"),
         (["--out", str(tmp_path / "no" / "bag")], "its folder does not exist"),
     ):
-        assert export.main([str(run), "--to", "mcap", *options]) == 2
+        assert main(["export", str(run), "--to", "mcap", *options]) == 2
         error = capsys.readouterr().err
         assert reported in error
         assert error.count("\n") == 1
@@ -446,9 +447,9 @@ def test_what_cannot_be_is_reported_in_a_line(run, tmp_path, capsys):
 def test_a_bag_is_replaced_by_force_and_no_half_is_left(run, tmp_path, capsys, monkeypatch):
     out = tmp_path / "bag"
     command = [str(run), "--to", "mcap", "--out", str(out)]
-    assert export.main(command) == 0
+    assert main(["export", *command]) == 0
     before = (out / "bag.mcap").read_bytes()
-    assert export.main(command) == 2
+    assert main(["export", *command]) == 2
     assert "exists; choose another --out or add --force" in capsys.readouterr().err
 
     def full(file: Path, coming: int = 0) -> None:
@@ -458,17 +459,17 @@ def test_a_bag_is_replaced_by_force_and_no_half_is_left(run, tmp_path, capsys, m
     with monkeypatch.context() as patch:
         patch.setattr(disk, "require_room", full)
         patch.setattr("taichi_plume.files.bag_writer.CHECKED_EVERY", 1 << 10)
-        assert export.main([*command, "--trial", "1", "--force"]) == 1
+        assert main(["export", *command, "--trial", "1", "--force"]) == 1
     assert capsys.readouterr().err.endswith(": the disk is full\n")
     assert [one.name for one in tmp_path.iterdir()] == ["bag"]
     assert (out / "bag.mcap").read_bytes() == before
-    assert export.main([*command, "--trial", "1", "--force"]) == 0
+    assert main(["export", *command, "--trial", "1", "--force"]) == 0
     assert (out / "bag.mcap").read_bytes() != before
 
 
 def test_without_rosbags_it_is_reported_what_to_install(run, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "rosbags", None)
-    assert export.main([str(run), "--to", "mcap"]) == 2
+    assert main(["export", str(run), "--to", "mcap"]) == 2
     assert 'pip install "taichi_plume[ros]"' in capsys.readouterr().err
 
 

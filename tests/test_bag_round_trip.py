@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 import taichi_plume as tp
+from taichi_plume.__main__ import main
 from taichi_plume.assembly.preparation import load
-from taichi_plume.cli import export
 from taichi_plume.cli import run as run_command
 from taichi_plume.files.bag_readings import BagOptions, read
 from taichi_plume.files.ros_robots import MapFrame
@@ -69,7 +69,7 @@ def made(request, tmp_path_factory) -> Made:
     (folder / "s.yaml").write_text(SCENARIO.replace("CORNER", key))
     options = ["--out", str(folder / "run"), "--quiet", "--no-report", "--no-recording"]
     assert run_command.main([str(folder / "s.yaml"), *options]) == 0
-    assert export.main([str(folder / "run"), "--to", "mcap", "--begin", str(BEGIN)]) == 0
+    assert main(["export", str(folder / "run"), "--to", "mcap", "--begin", str(BEGIN)]) == 0
     return Made(folder, yaw, corner, messages_of(folder / "run" / "bag"))
 
 

@@ -68,7 +68,7 @@ SUBPACKAGES = {"envs"}
 """Public packages within taichi_plume."""
 FENCE = re.compile(r"^(`{3,})(.*)\n((?:.*\n)*?)\1$", re.MULTILINE)
 LINK = re.compile(r"(?<!`)\[[^\]`]*(?:`[^`]*`[^\]`]*)*\]\(([^)\s]+)\)")
-COMMAND = re.compile(r"^(?:python -m taichi_plume\.|taichi-plume )(\w+)((?:.|\\\n)*)$", re.MULTILINE)
+COMMAND = re.compile(r"^(?:python -m taichi_plume[. ]|taichi-plume )(\w+)((?:.|\\\n)*)$", re.MULTILINE)
 
 ELLIPSIS = ", ..., "
 SMALL = """

@@ -5,12 +5,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from taichi_plume import open_run
+from taichi_plume.__main__ import main
 from taichi_plume.agents.casting_3d import RISE
 from taichi_plume.agents.external import Orders
 from taichi_plume.api.own import Own
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.preparation import load_scenario
-from taichi_plume.cli import export, run
+from taichi_plume.cli import run
 from taichi_plume.contests.entrants import shipped
 from taichi_plume.envs.task import require_task
 from taichi_plume.execution.signals import SignalRequests
@@ -202,7 +203,7 @@ def check_bag(folder):
     """It tells how high the drone is, and how high on it the sensors are."""
     from rosbags.highlevel import AnyReader
 
-    assert export.main([str(folder / "out"), "--to", "mcap"]) == 0
+    assert main(["export", str(folder / "out"), "--to", "mcap"]) == 0
     with AnyReader([folder / "out/bag"]) as reader:
         said = [(one.topic, reader.deserialize(data, one.msgtype)) for one, _, data in reader.messages()]
     for topic in ("/flock_0/odom", "/flock_0/truth"):

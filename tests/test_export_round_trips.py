@@ -5,7 +5,8 @@ import pytest
 import xarray
 
 import taichi_plume as tp
-from taichi_plume.cli import export, maps
+from taichi_plume.__main__ import main
+from taichi_plume.cli import maps
 from taichi_plume.files.movie import Movie
 from taichi_plume.files.readings import read
 from taichi_plume.scenario.domain import Domain
@@ -32,7 +33,7 @@ def run(tmp_path_factory, taichi):
 
 def test_a_film_as_netcdf(run, tmp_path):
     path = tmp_path / "film.nc"
-    assert export.main([str(run.folder), "--to", "netcdf", "--out", str(path)]) == 0
+    assert main(["export", str(run.folder), "--to", "netcdf", "--out", str(path)]) == 0
     model = MovieGas(kind="movie", file="film.nc", species="methane", variable="methane_ppm")
     movie = Movie(path, model, Domain(size=(2, 1), spacing=0.1))
     with xarray.open_dataset(path) as data:
@@ -48,7 +49,7 @@ def test_a_film_as_netcdf(run, tmp_path):
 
 
 def test_robots_as_csv(run, tmp_path):
-    assert export.main([str(run.folder), "--to", "csv", "--out", str(tmp_path / "tables")]) == 0
+    assert main(["export", str(run.folder), "--to", "csv", "--out", str(tmp_path / "tables")]) == 0
     table, log = read(run.folder / "robots.parquet"), read(tmp_path / "tables" / "robots.csv")
     for name in ("t", "place", "reading", "wind"):
         np.testing.assert_allclose(vars(log)[name], vars(table)[name], rtol=1e-6, atol=1e-9)

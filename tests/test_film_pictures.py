@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_plume.cli import picture, run
+from taichi_plume.__main__ import main
+from taichi_plume.cli import run
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.results.pictures import pictures, wind
 from taichi_plume.results.run import Run
@@ -83,5 +84,5 @@ def test_fields_of_another_room_are_reported_in_a_line(folder):
 
 def test_the_command_takes_them_where_there_is_no_recording(folder, tmp_path, capsys):
     with only_fields(folder):
-        assert picture.main([str(folder), "--out", str(tmp_path / "x.png"), "--width", "300"]) == 0
+        assert main(["picture", str(folder), "--out", str(tmp_path / "x.png"), "--width", "300"]) == 0
     assert "gas column at t = 2 s" in capsys.readouterr().out

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 from refusals import unfinished
 
-from taichi_plume.cli import picture
+from taichi_plume.__main__ import main
 from taichi_plume.files import manifest
 from taichi_plume.report import films, plume, theme
 from taichi_plume.results.pictures import wind
@@ -30,7 +30,7 @@ def reported(capsys):
     """Exit code, and what was printed."""
 
     def call(*args: object) -> tuple[int, str]:
-        code = picture.main([str(arg) for arg in args])
+        code = main(["picture", *map(str, args)])
         return code, "".join(capsys.readouterr())
 
     return call

@@ -8,9 +8,9 @@ import pytest
 from refusals import flipped, unfinished
 from scripts import read_result
 
+from taichi_plume.__main__ import main
 from taichi_plume.assembly import assemble
-from taichi_plume.cli import repair, run
-from taichi_plume.cli import report as report
+from taichi_plume.cli import run
 from taichi_plume.execution import result
 from taichi_plume.files import checkpoint, manifest
 
@@ -44,22 +44,22 @@ def test_a_stream_becomes_a_table_however_the_run_ended(finished, capsys, status
     """The disk may have been full when the table was to be written."""
     rows = pq.read_table(finished / "robots.parquet")
     cut_off(finished, status)
-    assert repair.main([str(finished)]) == 0
+    assert main(["repair", str(finished)]) == 0
     assert pq.read_table(finished / "robots.parquet").equals(rows)
     assert read_result(finished)["status"] == ("killed" if status == "running" else status)
     assert f"robots.parquet: {len(rows):,} rows" in capsys.readouterr().out
-    assert repair.main(["--verify", str(finished)]) == 0
+    assert main(["repair", "--verify", str(finished)]) == 0
     before = {file.name: file.read_bytes() for file in finished.iterdir()}
-    assert repair.main([str(finished)]) == 0
+    assert main(["repair", str(finished)]) == 0
     assert {file.name: file.read_bytes() for file in finished.iterdir()} == before
 
 
 def test_a_report_that_is_made_again_is_no_damage(finished):
     """It tells of the manifest, too, which was not there when the run wrote it."""
     before = (finished / "report.html").read_bytes()
-    assert report.main([str(finished)]) == 0
+    assert main(["report", str(finished)]) == 0
     assert (finished / "report.html").read_bytes() != before
-    assert repair.main(["--verify", str(finished)]) == 0
+    assert main(["repair", "--verify", str(finished)]) == 0
 
 
 @pytest.mark.parametrize("content", [None, "", "{", "[]", "{}", "3", "[" * 9999])
@@ -68,7 +68,7 @@ def test_a_result_that_says_nothing_is_of_a_killed_run(finished, content):
     (finished / "result.json").unlink()
     if content is not None:
         (finished / "result.json").write_text(content)
-    assert repair.main([str(finished)]) == 0
+    assert main(["repair", str(finished)]) == 0
     assert read_result(finished)["status"] == "killed"
     assert (finished / "robots.parquet").exists()
 
@@ -78,7 +78,7 @@ def test_what_is_damaged_does_not_keep_the_rest_from_being_completed(finished, c
     flipped("robots.arrows", 0)(finished)  # the mark at which the stream begins
     (finished / "plume.pslog").write_bytes(b"")
     (finished / "forces.csv").write_text("t_s,obstacle,x_N,y_N\n0,0,1,2\n1,0,3")
-    assert repair.main([str(finished)]) == 1
+    assert main(["repair", str(finished)]) == 1
     said = capsys.readouterr().out
     assert "robots.parquet: could not be completed:" in said
     assert "plume.pslog: could not be completed:" in said
@@ -91,8 +91,8 @@ def test_a_run_that_was_killed_at_its_very_end_is_over(finished):
     checkpoint.write(finished / checkpoint.NAME, {"inputs": {}})
     (finished / manifest.NAME).unlink()
     (finished / "report.html").unlink(missing_ok=True)
-    assert repair.main([str(finished)]) == 0
+    assert main(["repair", str(finished)]) == 0
     assert (finished / "report.html").exists()
     assert not (finished / checkpoint.NAME).exists()
-    assert repair.main(["--verify", str(finished)]) == 0
+    assert main(["repair", "--verify", str(finished)]) == 0
     assert read_result(finished)["status"] == "completed"

@@ -15,8 +15,9 @@ import xarray
 from refusals import cut, flipped, gone, refused, unfinished
 
 from taichi_plume import RunFolderError, open_run
+from taichi_plume.__main__ import main
 from taichi_plume.agents.casting import Casting
-from taichi_plume.cli import export, repair, run
+from taichi_plume.cli import run
 from taichi_plume.execution.result import write_result
 from taichi_plume.files import disk, manifest
 from taichi_plume.results.export import export as write_export
@@ -114,7 +115,7 @@ def test_without_a_film_there_are_pictures_and_no_fields(folder, tmp_path):
     """Coarser, and of the range of the colours; a NetCDF file can be made of them as well."""
     film = open_run(folder).fields.load()
     command = [str(folder), "--to", "netcdf", "--from", "recording", "--out", str(tmp_path / "r.nc")]
-    assert export.main(command) == 0
+    assert main(["export", *command]) == 0
     shutil.rmtree(folder / "fields.zarr")
     with pytest.raises(RunFolderError, match=r"fields.zarr; `fields: .*\.pictures"):
         _ = open_run(folder).fields
@@ -129,19 +130,19 @@ def test_without_a_film_there_are_pictures_and_no_fields(folder, tmp_path):
     np.testing.assert_allclose(column.where(known), here.where(known), rtol=0.03)
     for to in ("vtkhdf", "netcdf"):
         where = ["--from", "film"] if to == "netcdf" else []
-        assert export.main([str(folder), "--to", to, *where, "--out", str(tmp_path / "x")]) == 2
+        assert main(["export", str(folder), "--to", to, *where, "--out", str(tmp_path / "x")]) == 2
 
 
 def test_gaden_s_player_gets_the_film(small, tmp_path, capsys):
     """See files/test_gaden_results.py for what is in the files."""
-    assert export.main([str(small), "--to", "gaden", "--out", str(tmp_path / "g")]) == 0
+    assert main(["export", str(small), "--to", "gaden", "--out", str(tmp_path / "g")]) == 0
     film = open_run(small).fields
     results = sorted((tmp_path / "g/simulations/ethanol/result").iterdir())
     assert len(results) == film.sizes["time"]
     raw = zlib.decompress(results[-1].read_bytes())
     ppm = np.frombuffer(raw[-4 * 480 :], "<f4").reshape(5, 8, 12)
     np.testing.assert_allclose(ppm, np.nan_to_num(film["ethanol_ppm"].values[-1].clip(0)), rtol=1e-6)
-    assert export.main([str(small), "--to", "gaden", "--out", str(tmp_path / "g")]) == 2
+    assert main(["export", str(small), "--to", "gaden", "--out", str(tmp_path / "g")]) == 2
     assert "is not empty; choose another --out or add --force" in capsys.readouterr().err
 
 
@@ -205,7 +206,7 @@ def test_paraview_reads_every_time_and_all_the_mass(small, tmp_path):
     import pyvista
 
     out = tmp_path / "a.vtkhdf"
-    assert export.main([str(small), "--to", "vtkhdf", "--out", str(out)]) == 0
+    assert main(["export", str(small), "--to", "vtkhdf", "--out", str(out)]) == 0
     film = xarray.open_zarr(small / "fields.zarr")
     reader = pyvista.get_reader(out).reader
     reader.UpdateInformation()
@@ -231,7 +232,7 @@ def test_netcdf_is_the_same_data_and_follows_cf(small, tmp_path):
     import cf_xarray  # noqa: F401
 
     out = tmp_path / "a.nc"
-    assert export.main([str(small), "--to", "netcdf", "--out", str(out)]) == 0
+    assert main(["export", str(small), "--to", "netcdf", "--out", str(out)]) == 0
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         data = xarray.open_dataset(out)
@@ -244,7 +245,7 @@ def test_netcdf_is_the_same_data_and_follows_cf(small, tmp_path):
 
 
 def test_csv_is_read_by_pandas_as_it_is(small, tmp_path):
-    assert export.main([str(small), "--to", "csv", "--out", str(tmp_path / "csv")]) == 0
+    assert main(["export", str(small), "--to", "csv", "--out", str(tmp_path / "csv")]) == 0
     about = pandas.read_csv(tmp_path / "csv" / "columns.csv").set_index(["table", "column"])
     for name in ("robots", "probes"):
         frame, wanted = pandas.read_csv(tmp_path / "csv" / f"{name}.csv"), getattr(open_run(small), name)
@@ -260,7 +261,7 @@ def test_what_is_there_stays_unless_by_force_and_no_half_is_left(folder, tmp_pat
     out.parent.mkdir()
     out.write_text("mine")
     command = [str(folder), "--to", to, "--out", str(out.parent if to == "csv" else out)]
-    assert export.main(command) == 2
+    assert main(["export", *command]) == 2
     assert f"{out}: exists; choose another --out or add --force" in capsys.readouterr().err
 
     def full(file: Path, coming: int = 0) -> None:
@@ -269,18 +270,18 @@ def test_what_is_there_stays_unless_by_force_and_no_half_is_left(folder, tmp_pat
 
     with monkeypatch.context() as patch:
         patch.setattr(disk, "require_room", full)
-        assert export.main([*command, "--force"]) == 1
+        assert main(["export", *command, "--force"]) == 1
     assert capsys.readouterr().err.endswith(": the disk is full\n")
     assert [file.name for file in out.parent.iterdir()] == [out.name]
     assert out.read_text() == "mine"
-    assert export.main([*command, "--force"]) == 0
+    assert main(["export", *command, "--force"]) == 0
     assert out.read_bytes() != b"mine"
 
 
 def test_what_is_no_file_is_never_replaced(small, tmp_path, capsys):
     os.mkfifo(tmp_path / "pipe")
     for out, reported in (("", "is a folder"), ("pipe", "is no plain file"), ("no/a.nc", "does not exist")):
-        assert export.main([str(small), "--to", "netcdf", "--force", "--out", str(tmp_path / out)]) == 2
+        assert main(["export", str(small), "--to", "netcdf", "--force", "--out", str(tmp_path / out)]) == 2
         assert reported in capsys.readouterr().err
     assert (tmp_path / "pipe").is_fifo()
 
@@ -329,14 +330,14 @@ def test_damage_is_reported_in_a_line(folder, case, sealed, capsys):
         getattr(open_run(folder), part)
     to = {"": "csv", "robots": "csv", "probes": "csv", "fields": "vtkhdf"}.get(part)
     if to:
-        assert export.main([str(folder), "--to", to, "--out", str(folder.parent / "out")]) == 2
+        assert main(["export", str(folder), "--to", to, "--out", str(folder.parent / "out")]) == 2
         assert capsys.readouterr().err.startswith(str(folder))
         assert not [*folder.parent.glob("out/*"), *folder.parent.glob(".out*")]
 
 
 def test_a_damaged_frame_is_reported_when_it_is_exported(folder, tmp_path, capsys):
     flipped("fields.zarr/ethanol_ppm/c/3/0/0/0")(folder)
-    assert export.main([str(folder), "--to", "netcdf", "--out", str(tmp_path / "a.nc")]) == 2
+    assert main(["export", str(folder), "--to", "netcdf", "--out", str(tmp_path / "a.nc")]) == 2
     reported = capsys.readouterr().err
     assert "frame 3 of ethanol_ppm is damaged" in reported
     assert reported.count("\n") == 1
@@ -345,7 +346,7 @@ def test_a_damaged_frame_is_reported_when_it_is_exported(folder, tmp_path, capsy
 def test_a_killed_run_is_opened_again_after_repair(folder):
     (folder / manifest.NAME).unlink()
     write_result(folder, open_run(folder).result | {"status": "running"})
-    assert repair.main([str(folder)]) == 0
+    assert main(["repair", str(folder)]) == 0
     one = open_run(folder)
     assert one.result["status"] == "killed"
     assert (one.fields.sizes["time"], len(one.maps)) == (5, 2)

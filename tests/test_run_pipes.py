@@ -12,7 +12,9 @@ from made_run import made, result, scenario
 from pipes_in_folders import ended
 
 from taichi_plume import cite, open_run
-from taichi_plume.cli import export, maps, picture, repair, report, run, statistics
+from taichi_plume.__main__ import main
+from taichi_plume.api.export import NAMES
+from taichi_plume.cli import maps, run, statistics
 from taichi_plume.draw.downloads import zipped
 from taichi_plume.execution import latest_instant
 from taichi_plume.files import checkpoint, manifest
@@ -97,21 +99,21 @@ def readers(folder: Path, out: Path) -> dict[str, Callable[[], Any]]:
         "checkpoint": lambda: checkpoint.read(folder / "checkpoint.npz"),
         "watch": lambda: latest_instant.read(folder / "watch.npz"),
         "zip": lambda: zipped(folder, out / "run.zip"),
-        "verify": command(repair.main, folder, "--verify"),
-        "repair": command(repair.main, folder, "--no-report"),
+        "verify": command(main, "repair", folder, "--verify"),
+        "repair": command(main, "repair", folder, "--no-report"),
         "resume": command(run.main, "--resume", folder),
         "playback": command(run.main, folder.parent / "playback.yaml", "--check", "--out", out / "checked"),
         "again": command(run.main, folder / "scenario.yaml", "--check", "--out", out / "again"),
-        "report": command(report.main, folder),
-        "picture": command(picture.main, folder, "--out", out / "picture.png"),
+        "report": command(main, "report", folder),
+        "picture": command(main, "picture", folder, "--out", out / "picture.png"),
         "statistics": command(statistics.main, folder, "--out", out / "statistics", "--no-page"),
         "film statistics": command(statistics.main, folder / "fields.zarr", "--out", out / "of_film"),
         "map of readings": command(
             maps.main, folder / "robots.parquet", "--size", 4, 3, "--out", out / "maps"
         ),
         **{
-            f"export {to}": command(export.main, folder, "--to", to, "--out", out / to, "--force")
-            for to in export.DEFAULT
+            f"export {to}": command(main, "export", folder, "--to", to, "--out", out / to, "--force")
+            for to in NAMES
         },
     }
 

@@ -4,23 +4,24 @@ The command solves cases with known answers, judges their errors and repeats pub
 results are as expected; 1: a result is not; 2: unknown case.
 """
 
-import argparse
 import difflib
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import KW_ONLY, asdict, dataclass
 from math import isfinite
+from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from rich.text import Text
 
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.cli.options import add, whole_number
+from taichi_plume.cli.options import parser_of
+from taichi_plume.engine.choice import Arch
 from taichi_plume.execution.signals import leave
 from taichi_plume.files.disk import written_whole
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.guard.terminal import Parser, say, terminal
+from taichi_plume.guard.terminal import say, terminal
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -32,16 +33,37 @@ if TYPE_CHECKING:
 VERDICTS = {True: ("met", "green"), False: ("NOT MET", "bold red"), None: ("", "")}
 
 
+@dataclass(frozen=True)
+class Options:
+    """Solve cases with known answers, repeat published experiments, and judge the results, in some minutes.
+
+    names: cases, by default all. trials: number of trials of every experiment, by default set by each experiment. list:
+    list the cases and exit. out: write report.html and report.json there. json: print the report as JSON. arch: where
+    to compute; auto takes a GPU if there is one.
+    """
+
+    names: Annotated[Sequence[str], "NAMES ..."] = ()
+    _: KW_ONLY
+    trials: Annotated[int | None, "N"] = None
+    list: bool = False
+    out: Annotated[Path | None, "DIR"] = None
+    json: bool = False
+    arch: Arch = "cpu"
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the validation with these command-line arguments and return the exit code."""
-    args = _arguments(argv)
-    return exit_code(lambda: _validate(args), out=args.out)
+    given = vars(parser_of("validation", Options).parse_args(argv))
+    debug, args = given.pop("debug"), Options(**given)
+    return exit_code(lambda: _validate(args), debug=debug, out=args.out)
 
 
-def _validate(args: argparse.Namespace) -> int:
+def _validate(args: Options) -> int:
     from taichi_plume.validation.cases import CASES
 
     lines = []
+    if args.trials is not None and args.trials < 1:
+        lines.append(f"--trials: got {args.trials}; must be 1 or more")
     for name in args.names:
         if name in CASES:
             continue
@@ -74,28 +96,8 @@ def _validate(args: argparse.Namespace) -> int:
     return 0 if report["passed"] else 1
 
 
-def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = Parser(
-        prog="python -m taichi_plume.validation",
-        description="Solve cases with known answers, repeat published experiments, and judge the results; "
-        "all of them take some minutes.",
-    )
-    parser.add_argument("names", nargs="*", metavar="NAMES", help="cases (default: all)")
-    parser.add_argument(
-        "--trials",
-        type=whole_number(1, 10**6),
-        metavar="N",
-        help="number of trials of every experiment (default: set by each experiment)",
-    )
-    parser.add_argument("--list", action="store_true", help="list the cases and exit")
-    add(parser, "--out", help="write report.html and report.json there")
-    parser.add_argument("--json", action="store_true", help="print the report as JSON")
-    add(parser, "--arch", "--engine")
-    return parser.parse_args(argv)
-
-
 def _examine(
-    cases: list["Case | Experiment"], args: argparse.Namespace, backend: str
+    cases: list["Case | Experiment"], args: Options, backend: str
 ) -> "tuple[Keys, dict[str, Pictures]]":
     """Solve the cases at fine resolutions and print each; return the report, and the pictures by case.
 
@@ -144,7 +146,7 @@ def _size(case: "Case | Experiment", trials: int | None) -> str:
     return " ".join(map(str, case.fine)) if isinstance(case, Case) else f"{trials or case.trials} trials"
 
 
-def _result(case: "Case | Experiment", args: argparse.Namespace) -> "tuple[Keys, Pictures]":
+def _result(case: "Case | Experiment", args: Options) -> "tuple[Keys, Pictures]":
     from taichi_plume.validation.case import Case
     from taichi_plume.validation.published_data import MissingDataError
     from taichi_plume.validation.report import plain

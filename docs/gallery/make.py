@@ -1,6 +1,6 @@
 """Renew the gallery's pictures: ``python docs/gallery/make.py [NAMES]``.
 
-Runs each config and draws its recording with `python -m taichi_plume.picture`, two at a time; all configs take some
+Runs each config and draws its recording with `python -m taichi_plume picture`, two at a time; all configs take some
 five minutes on two cores. pictures.json stores the pictures and the digest of each config: a test fails if a config has
 changed since. `--runs FOLDER` draws existing runs, FOLDER/NAME each. README.md shows the films in TILES.
 """
@@ -101,7 +101,7 @@ def draw(name: str, run: Path) -> None:
         film = path.suffix == ".gif"
         target = ["--film" if film else "--out", str(path)]
         size = SMOOTH_FILM if file in TILES else FILM if film else STILL
-        _python("taichi_plume.picture", str(run), *options, *size, *target)
+        _python("taichi_plume", "picture", str(run), *options, *size, *target)
         fit(path)
     with LOCK:
         known = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {}

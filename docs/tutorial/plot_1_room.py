@@ -23,7 +23,7 @@ from taichi_plume.__main__ import main
 def terminal(command):
     """Type a command, such as ``python -m taichi_plume.run room.yaml``."""
     with redirect_stderr(sys.stdout):
-        main(shlex.split(command.strip().removeprefix("python -m taichi_plume.")))
+        main(shlex.split(command.strip().removeprefix("python -m taichi_plume")[1:]))
 
 
 def write(text):
@@ -107,7 +107,7 @@ terminal("python -m taichi_plume.run room.yaml --out runs/air --force")
 # folder of an earlier run to ``runs/air.old``. The folder holds a recording, which ``rerun runs/air/recording.rrd``
 # plays and rewinds, and ``report.html`` for your browser. A picture for your talk:
 
-terminal("python -m taichi_plume.picture runs/air --at 20 --out air.png")
+terminal("python -m taichi_plume picture runs/air --at 20 --out air.png")
 
 # %%
 # Robots
@@ -130,7 +130,7 @@ terminal("python -m taichi_plume.run room.yaml --out runs/robots --force")
 # %%
 # A picture of the search:
 
-terminal("python -m taichi_plume.picture runs/robots --at 26 --out robots.png")
+terminal("python -m taichi_plume picture runs/robots --at 26 --out robots.png")
 # sphinx_gallery_thumbnail_number = 2
 
 # %%

@@ -22,7 +22,7 @@ from taichi_plume.__main__ import main
 def terminal(command):
     """Type a command, such as ``python -m taichi_plume.run room.yaml``."""
     with redirect_stderr(sys.stdout):
-        main(shlex.split(command.strip().removeprefix("python -m taichi_plume.")))
+        main(shlex.split(command.strip().removeprefix("python -m taichi_plume")[1:]))
 
 
 def write(text):
@@ -125,14 +125,14 @@ python -m taichi_plume.run lab.yaml --set 'fields={rate: 1}' \
 # ``--allow-outside`` lets the command read the bench, which lies beside the scenario and not in the folder of the run.
 
 terminal("""
-python -m taichi_plume.picture runs/lab --at 14 --allow-outside --out above.png
+python -m taichi_plume picture runs/lab --at 14 --allow-outside --out above.png
 """)
 
 # %%
 # And from the side, in the plane of the source: in 3-D the readings depend on the heights of source and gas sensor.
 
 terminal("""
-python -m taichi_plume.picture runs/lab --at 14 --view section \
+python -m taichi_plume picture runs/lab --at 14 --view section \
     --allow-outside --out section.png
 """)
 

@@ -1,41 +1,44 @@
-"""Contest of search algorithms from Python: ``tp.contest()`` is ``python -m taichi_plume.contest``."""
+"""Contest of search algorithms from Python: ``tp.contest()`` is ``taichi-plume contest``."""
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from taichi_plume.api.study import raise_unless_done
-from taichi_plume.contests.execution import Choice, contest_of, play, settings_of
-from taichi_plume.contests.standings import Standings, conclude
-from taichi_plume.guard.input_error import InputError
-from taichi_plume.guard.safe_open import as_path
+if TYPE_CHECKING:
+    from taichi_plume.contests.standings import Standings
+
+Count = Annotated[int | None, "N"]
 
 
 def contest(
-    algorithms: Sequence[str | dict[str, Any]] | None = None,
+    algorithms: Annotated[Sequence[str | dict[str, Any]] | None, "--algorithms NAMES"] = None,
     *,
-    files: Sequence[str | Path] = (),
-    policies: Sequence[str | Path] = (),
-    scenarios: Sequence[str] | None = None,
+    files: Annotated[Sequence[str | Path], "--algorithm FILE.py ..."] = (),
+    policies: Annotated[Sequence[str | Path], "--policy FILE ..."] = (),
+    scenarios: Annotated[Sequence[str] | None, "NAMES"] = None,
     quick: bool = False,
-    seed: int | None = None,
-    airs: int | None = None,
-    searches: int | None = None,
-    out: str | Path = "contest",
-    workers: int | None = None,
+    seed: Count = None,
+    airs: Count = None,
+    searches: Count = None,
+    out: Annotated[str | Path, "DIR"] = Path("contest"),
+    workers: Count = None,
     retry: bool = False,
     force: bool = False,
     progress: bool = True,
     allow_code: bool = False,
-) -> Standings:
+) -> "Standings":
     """Let search algorithms compete in the same scenarios, realisations of the air and starts; return the standings.
 
-    algorithms, scenarios: names of shipped ones, by default all; your classes are algorithms as `Own(Class)`. files:
-    Python files with algorithms of your own, which `allow_code` executes. policies: learnt policies, as ONNX files or
-    scenarios whose robots run one. quick: one scenario with few airs. airs: number in each scenario, by default 8;
-    searches: number in each air, by default 8. out: the contest's folder, which also receives contest.csv,
-    contest.parquet and contest.html. The same call resumes an interrupted contest. The other arguments, the warning of
-    failed runs and the errors are those of `study`.
+    algorithms, scenarios: names of shipped ones, separated by commas; by default all. In Python a list, in which your
+    classes are algorithms as `Own(Class)`. files: Python file with an algorithm of your own; may be repeated. policies:
+    a learnt policy: an ONNX file, or a scenario whose robots run one; may be repeated. quick: one scenario with few
+    airs: a preview of about a minute. seed: seed of airs, starts and noise, by default the scenarios'. airs: number in
+    each scenario, by default 8. searches: number in each air, by default 8. out: the contest's folder, by default
+    contest, which also receives contest.csv, contest.parquet and contest.html. workers: processes, by default one per
+    core. retry: repeat failed runs. force: drop runs in the folder that this contest does not ask for. allow_code:
+    execute the files of --algorithm.
+
+    The same call resumes an interrupted contest. The warning of failed runs and the errors are those of `study`.
 
     >>> import taichi_plume as tp
     >>> standings = tp.contest(
@@ -44,6 +47,12 @@ def contest(
     >>> standings.table.algorithm.tolist()
     ['random_walk']
     """
+    from taichi_plume.api.study import raise_unless_done
+    from taichi_plume.contests.execution import Choice, contest_of, play, settings_of
+    from taichi_plume.contests.standings import conclude
+    from taichi_plume.guard.input_error import InputError
+    from taichi_plume.guard.safe_open import as_path
+
     choice = Choice(
         as_path(out, "out"), algorithms, files, policies, scenarios, quick, seed, airs, searches, allow_code
     )

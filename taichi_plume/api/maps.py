@@ -1,4 +1,4 @@
-"""Gas map of recorded readings: ``tp.maps("readings.csv", size=(4, 3))`` is ``python -m taichi_plume.maps``."""
+"""Gas map of recorded readings: ``tp.maps("readings.csv", size=(4, 3))`` is ``taichi-plume maps``."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
@@ -32,38 +32,43 @@ BAG_KEYS = [field.name for field in fields(BagOptions) if field.name != "lenient
 
 def maps(
     readings: "Run | str | Path | pandas.DataFrame",
-    map: str | Mapping[str, object] | Map = "time_series",
+    map: Annotated[str | Mapping[str, object] | Map, "--map MAP"] = "time_series",
     *,
-    size: Sequence[Number] | None = None,
-    origin: Sequence[Number] = (0.0, 0.0),
-    trial: int | None = None,
-    group: str | None = None,
-    sources: Sequence[Sequence[Number]] | None = None,
-    bag: Mapping[str, object] | BagOptions | None = None,
-    columns: Mapping[str, str] | None = None,
-    missing: Sequence[float] = (),
-    background: Number | None = None,
+    size: Annotated[Sequence[Number] | None, "--size LX LY"] = None,
+    origin: Annotated[Sequence[Number], "--origin X Y"] = (0.0, 0.0),
     out: str | Path | None = None,
     force: bool = False,
+    trial: Annotated["int | None", "N"] = None,
+    group: Annotated[str | None, "NAME"] = None,
+    sources: Annotated[Sequence[Sequence[Number]] | None, "--source X Y ..."] = None,
+    background: Annotated[Number | None, "PPM"] = None,
+    columns: Annotated[Mapping[str, str] | None, "--columns KEY=NAME,... ..."] = None,
+    missing: Annotated[Sequence[float], "--missing NUMBER ..."] = (),
+    bag: Mapping[str, object] | BagOptions | None = None,
 ) -> GasMap:
-    """Make a gas map of recorded readings and return the map, as by ``python -m taichi_plume.maps``.
+    """Make a gas map of recorded readings. Return the map.
 
-    readings: a run or its folder, robots.parquet of a run, a ROS bag, or a CSV file or DataFrame with the columns
-    t [s], x, y [m] and reading [ppm]. map: kind, or section as in a scenario: ``{"kind": "gmrf", "cell": "10 cm"}``.
-    size: edges of the floor along x and y [m]; origin: its lower corner, from which positions in the map count. trial,
-    group: number and name, by default the first trial and all robots. sources: true positions [m], to score the peak.
-    Of a run, size and sources are by default those of its scenario.
+    readings: a run or its folder, robots.parquet of a run, a bag of ROS (a folder, .mcap, .db3, .bag), or a CSV file
+    with the columns t [s], x, y [m] and reading [ppm]; in Python also a DataFrame. map: as in a scenario:
+    '{kind: time_series, alpha: 0.9, cell: 10 cm}'; in Python also a kind, or keys and values. size: edges of the floor
+    along x and y [m], by default those of the run. origin: lower corner of the floor [m], from which positions in the
+    map count, by default 0 0. trial: number of the trial, by default the first. group: group, in a bag a robot, by
+    default all robots of the trial. sources: true position of a source [m], to score the peak; may be repeated; by
+    default those of the run.
 
-    columns: names of a table's columns for t, x, y, reading and so on, with or without a unit: ``{"t": "stamp [ms]"}``;
-    missing: numbers that mean no reading, besides NaN, -999 and -9999.
+    columns: names of a table's columns for t, x, y, reading and so on, with or without a unit: t=stamp [ms],x=px, in
+    Python ``{"t": "stamp [ms]"}``; by default as the header names them. missing: number that means no reading, besides
+    NaN, -999 and -9999; may be repeated.
 
     background: reading in clean air [ppm], such as 420 for CO2, above which the map counts. Unless given 0, or in a run
     with a background the readings above it are taken.
 
     bag: how a ROS bag is read, by the keys gas, pose and wind (lists of topics), reading (numbers in messages of any
     type, such as ``["/enose.data[0]"]``), frame, sensor, units, model, air and upwind; `origin` is a position in that
-    frame. out: folder for map.csv, map.png and scores.json; by default nothing is written. force: rename the folder of
-    an earlier map to `out`.old.
+    frame.
+
+    out: folder for map.csv, map.png and scores.json, in Python by default none. force: rename the folder of an earlier map
+    to `out`.old.
 
     All readings count unless the map's parameters limit their age. Raises InputError (ReadingsError, ScenarioError,
     RunFolderError), whose lines name the options of the command, and OSError.

@@ -1,47 +1,39 @@
-"""Statistics of a plume: ``tp.statistics(run)`` is ``python -m taichi_plume.statistics RUN``."""
+"""Statistics of a plume: ``tp.statistics(run)`` is ``taichi-plume statistics RUN``."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-from pydantic import Field
-
-from taichi_plume.fluctuations.computation import statistics_of
-from taichi_plume.fluctuations.result import Statistics
-from taichi_plume.guard.input_error import InputError
-from taichi_plume.guard.safe_open import as_path
-from taichi_plume.quantities import Number
-from taichi_plume.results.run import Run
-from taichi_plume.scenario import si
-from taichi_plume.scenario.changes import shown
-from taichi_plume.scenario.loading import load_part
-from taichi_plume.scenario.sensors import GasSensor, IdealGasSensor, MoxSensor, PidSensor
-
-SENSOR = Annotated[MoxSensor | PidSensor | IdealGasSensor, Field(discriminator="kind")]
+if TYPE_CHECKING:
+    from taichi_plume.fluctuations.result import Statistics
+    from taichi_plume.results.run import Run
+    from taichi_plume.scenario.sensors import GasSensor
 
 
 def statistics(
-    source: Run | str | Path,
+    source: "Run | str | Path",
     *,
     gas: str | None = None,
     probe: str | None = None,
-    threshold: Number | None = None,
-    start: Number | None = None,
-    bounds: Sequence[Number] | None = None,
-    sensors: Sequence[str | Mapping[str, object] | GasSensor] = (),
+    threshold: Annotated[float | str | None, "PPM"] = None,
+    start: Annotated[float | str | None, "--from T"] = None,
+    bounds: Annotated[Sequence[float | str] | None, "--range A B"] = None,
+    sensors: Annotated["Sequence[str | Mapping[str, object] | GasSensor]", "--sensor YAML ..."] = (),
     out: str | Path | None = None,
     page: bool = True,
-) -> Statistics:
+) -> "Statistics":
     """Compute statistics of a plume: mean and rms, intermittency, whiffs and blanks, spectra, and what sensors detect.
 
-    source: a run with `probes` or `fields`, its folder, or a film. gas: species, by default the first. probe: name of
-    the only probe to use. threshold: concentration above which there is gas [ppm], by default a tenth of the mean at
-    the point with the most gas. start: samples before this simulated time are left out [s]. bounds: durations between
-    which the power laws are fitted [s]. sensors: further gas sensors, as in a scenario:
-    ``{"kind": "pid", "rise_time": "20 ms"}``.
+    source: the folder of a run with `probes` or `fields`, or a film; in Python also a run. gas: species, by default the
+    first. probe: only this probe. threshold: concentration above which there is gas [ppm], by default a tenth of the
+    mean at the point with the most gas. start: leave out samples before this simulated time [s]. bounds: durations
+    between which the power laws are fitted [s], by default chosen from the data. sensors: another gas sensor, such as
+    {kind: pid, rise_time: 20 ms}; may be repeated.
 
-    out: folder for the files of ``python -m taichi_plume.statistics``; by default nothing is written. page: whether
-    statistics.html is among them. Raises InputError, whose lines name the options of the command, and OSError.
+    out: folder of the files, in Python by default none, of the command RUN/statistics, or FILM with -statistics instead
+    of .zarr. page: write statistics.html.
+
+    Raises InputError, whose lines name the options of the command, and OSError.
 
     >>> import taichi_plume as tp
     >>> probes = {"points": [{"kind": "point", "name": "axis", "at": [2, 1.5]}]}
@@ -50,6 +42,18 @@ def statistics(
     >>> plume.samples, plume.points.attrs["units"]["rms"]
     (101, 'ppm')
     """
+    from pydantic import Field
+
+    from taichi_plume.fluctuations.computation import statistics_of
+    from taichi_plume.guard.input_error import InputError
+    from taichi_plume.guard.safe_open import as_path
+    from taichi_plume.results.run import Run
+    from taichi_plume.scenario import si
+    from taichi_plume.scenario.changes import shown
+    from taichi_plume.scenario.loading import load_part
+    from taichi_plume.scenario.sensors import IdealGasSensor, MoxSensor, PidSensor
+
+    sensor_kind = Annotated[MoxSensor | PidSensor | IdealGasSensor, Field(discriminator="kind")]
     ppm = load_part(threshold, "--threshold", si.SomePpm | None)
     begin = load_part(start, "--from", si.Time | None)
     within = load_part(bounds, "--range", tuple[si.Duration, si.Duration] | None)
@@ -57,7 +61,7 @@ def statistics(
         raise InputError(
             f"--range: got {within[0]:g} and {within[1]:g} s; the first must be less than the second"
         )
-    models = [load_part(sensor, "--sensor", SENSOR) for sensor in sensors]
+    models = [load_part(sensor, "--sensor", sensor_kind) for sensor in sensors]
     if isinstance(source, Run):
         source = source.folder
     elif not isinstance(source, str | Path):

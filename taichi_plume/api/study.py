@@ -1,40 +1,37 @@
-"""Parameter study from Python: ``results = tp.study("wind_speeds.yaml")`` is ``python -m taichi_plume.study``."""
+"""Parameter study from Python: ``results = tp.study("wind_speeds.yaml")`` is ``taichi-plume study``."""
 
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-from taichi_plume.guard.safe_open import as_path
-from taichi_plume.studies.plan import load_plan
-from taichi_plume.studies.results import Results
-from taichi_plume.studies.study_run import Settings, execute
+from typing import TYPE_CHECKING, Annotated
 
 if TYPE_CHECKING:
     from taichi_plume.studies.plan import Source
+    from taichi_plume.studies.results import Results
     from taichi_plume.studies.study_run import End
 
 
 def study(
     source: "Source",
     *,
-    out: str | Path | None = None,
-    workers: int | None = None,
-    scheduler: str | None = None,
+    out: Annotated[str | Path | None, "DIR"] = None,
+    workers: Annotated[int | None, "N"] = None,
+    scheduler: Annotated[str | None, "ADDRESS"] = None,
+    dashboard: bool = False,
     retry: bool = False,
     force: bool = False,
     progress: bool = True,
     report: bool = True,
     allow_code: bool = False,
     allow_outside: bool = False,
-) -> Results:
+) -> "Results":
     """Execute the missing runs of a study and return its tables. The same call resumes an interrupted study.
 
     source: YAML file, name of an example, or dict with the keys of such a file. In a dict, `base` may be a scenario: a
-    `Scenario` or a dict. out: the study's folder, by default studies/NAME. workers: number of processes, by default one
-    per core. scheduler: address of a Dask scheduler, whose workers execute the runs. retry: execute failed runs again.
-    force: remove runs in the folder that the study does not have. progress: show the progress. report: write
-    report.html. allow_code: whether Python files that scenarios name are executed. allow_outside: whether files may lie
-    outside the study's folder.
+    `Scenario` or a dict. out: the study's folder, by default studies/NAME. workers: processes on this machine, by
+    default one per core. scheduler: Dask scheduler, such as tcp://host:8786, whose workers execute the runs. dashboard:
+    print the address of the scheduler's page. retry: repeat failed runs. force: drop runs in the folder that the study
+    does not ask for. progress: show the progress. report: write report.html. allow_code: execute Python files that
+    scenarios name. allow_outside: read files that lie outside the study's folder.
 
     Failed runs are rows of ``results.runs()`` and cause a warning. Raises InputError (ScenarioError, RunFolderError)
     before any run, RunError if the workers are lost or the disk is full, and KeyboardInterrupt; finished runs are kept.
@@ -46,10 +43,15 @@ def study(
     >>> len(results.trials())
     4
     """
+    from taichi_plume.guard.safe_open import as_path
+    from taichi_plume.studies.plan import load_plan
+    from taichi_plume.studies.results import Results
+    from taichi_plume.studies.study_run import Settings, execute
+
     plan = load_plan(source, allow_outside, progress)
     folder = plan.default_out if out is None else as_path(out, "out")
     settings = Settings(
-        folder, workers, scheduler, retry, force, progress, allow_code, allow_outside, report=report
+        folder, workers, scheduler, retry, force, progress, allow_code, allow_outside, dashboard, report
     )
     raise_unless_done(execute(plan, settings))
     return Results(settings.out)

@@ -4,7 +4,6 @@ The page is served to this machine alone, under an address with a random token. 
 the command line is wrong, or the extra `draw` is missing.
 """
 
-import argparse
 import asyncio
 import signal
 import sys
@@ -12,12 +11,12 @@ import webbrowser
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.cli.options import add, flag, option, whole_number
+from taichi_plume.cli.options import parser_of, port_number
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.guard.terminal import Parser, say
+from taichi_plume.guard.terminal import say
 
 if TYPE_CHECKING:
     from taichi_plume.draw.server import Service
@@ -27,30 +26,42 @@ NEEDED = ("bokeh",)
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
-    args = _arguments(argv)
-    return exit_code(lambda: _draw(args), debug=args.debug)
+    given = vars(parser_of("draw", draw).parse_args(argv))
+    return exit_code(lambda: draw(**given), debug=given["debug"])
 
 
-def _draw(args: argparse.Namespace) -> int:
+def draw(
+    scenario: Path | None = None,
+    *,
+    port: Annotated[int, "PORT", port_number] = 0,
+    browser: bool = True,
+    allow_code: bool = False,
+    allow_outside: bool = False,
+    **debug: bool,
+) -> int:
+    """Draw a scenario in the browser, see its YAML beside it, check and run it; on this machine alone.
+
+    scenario: YAML file, which need not exist yet, by default a new room.yaml. port: port of the page; 0: a free one.
+    browser: open the browser; the command prints the address in any case. allow_code: execute Python files that the
+    scenario names (kind: own). allow_outside: read files that lie outside the scenario's folder.
+    """
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
         raise InputError(f"needs {', '.join(missing)}: pip install 'taichi_plume[draw]'")
+    from taichi_plume.draw.server import Service
     from taichi_plume.draw.workplace import Workplace
     from taichi_plume.files.bundled import file_or_example
 
-    file = args.scenario
+    file = scenario
     if file is not None and file.suffix not in (".yaml", ".yml"):
         file = file_or_example(file)
-    workplace = Workplace(Path.cwd(), file, args.allow_outside, args.allow_code)
-    asyncio.run(_serve(args, workplace))
+    workplace = Workplace(Path.cwd(), file, allow_outside, allow_code)
+    asyncio.run(_serve(Service(workplace, port, debug["debug"]), browser))
     return 0
 
 
-async def _serve(args: argparse.Namespace, workplace) -> None:
-    from taichi_plume.draw.server import Service
-
-    service = Service(workplace, args.port, args.debug)
-    ended = asyncio.Event()
+async def _serve(service: "Service", browser: bool) -> None:
+    workplace, ended = service.workplace, asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         try:
@@ -60,7 +71,7 @@ async def _serve(args: argparse.Namespace, workplace) -> None:
     service.start()
     say(f"draw {workplace.file.name}: {service.address}", flush=True)
     say("Ctrl-C ends the command.", flush=True)
-    if not args.no_browser:
+    if browser:
         webbrowser.open(service.address)
     try:
         await ended.wait()
@@ -94,18 +105,3 @@ def _asked(service: "Service", number: int, ended: asyncio.Event) -> None:
             f"note: {len(alive)} runs go on; their files are in {service.workplace.root / 'runs'}", error=True
         )
     ended.set()
-
-
-def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = Parser(
-        prog="python -m taichi_plume.draw",
-        description="Draw a scenario in the browser, see its YAML beside it, check and run it; on this machine alone.",
-    )
-    where = "YAML file, which need not exist yet (default: a new room.yaml)"
-    parser.add_argument("scenario", type=Path, nargs="?", help=where)
-    option(
-        parser, "--port", whole_number(0, 65535), "PORT", "port of the page (default: a free one)", default=0
-    )
-    flag(parser, "--no-browser", "only print the address of the page")
-    add(parser, "--allow-code", "--allow-outside", "--debug")
-    return parser.parse_args(argv)

@@ -1,4 +1,4 @@
-"""``python -m taichi_plume.examples`` lists the examples of the package, runs one by its name, or copies one.
+"""``python -m taichi_plume examples`` lists the examples of the package, runs one by its name, or copies one.
 
 ``NAME --duration 10`` passes the options after the name to the command that runs this kind of example: `run`, `serve`
 or `study`. ``--copy NAME`` copies an example with its input files. Exit codes are those of these commands; 2 for an
@@ -13,14 +13,14 @@ import textwrap
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.cli.options import add, option
+from taichi_plume.cli.options import parser_of
 from taichi_plume.execution.signals import reader_may_leave
 from taichi_plume.files.bundled import Example, example, names
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.guard.terminal import Parser, say
+from taichi_plume.guard.terminal import say
 
 WIDTH = 120  # columns where the output is no terminal
 
@@ -48,36 +48,41 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments and not arguments[0].startswith("-"):
         return exit_code(lambda: _run(*arguments))
-    parser = Parser(
-        prog="python -m taichi_plume.examples",
-        usage="%(prog)s [NAME [OPTIONS] | --copy NAME [--out DIR]]",
-        description="List the examples that travel with the package, run one by its name, or copy one.",
-        epilog="NAME [OPTIONS]: run an example; OPTIONS, such as --duration 10, are those of taichi_plume.run "
-        "(of taichi_plume.serve or taichi_plume.study for these kinds of examples)",
+    epilog = (
+        "NAME [OPTIONS]: run an example; OPTIONS, such as --duration 10, are those of run, serve or study"
     )
-    option(parser, "--copy", str, "NAME", "copy an example and its input files; no file is overwritten")
-    add(parser, "--out", help="folder of the copies (default: the working folder)")
-    args = parser.parse_args(arguments)
-    if args.copy is None and args.out is not None:
+    usage = "%(prog)s [NAME [OPTIONS] | --copy NAME [--out DIR]]"
+    parser = parser_of("examples", examples, usage=usage, epilog=epilog)
+    given = vars(parser.parse_args(arguments))
+    debug = given.pop("debug")
+    if "out" in given and "copy" not in given:
         parser.error("--out goes with --copy")
-    work = _list if args.copy is None else lambda: _copy(example(args.copy), args.out or Path())
-    return exit_code(work, out=args.out)
+    return exit_code(lambda: examples(**given), debug=debug, out=given.get("out"))
+
+
+def examples(*, copy: Annotated[str | None, "NAME"] = None, out: Annotated[Path, "DIR"] = Path()) -> int:
+    """List the examples that travel with the package, run one by its name, or copy one.
+
+    copy: copy an example and its input files; no file is overwritten. out: folder of the copies, by default the working
+    folder.
+    """
+    return _list() if copy is None else _copy(example(copy), out)
 
 
 def _list() -> int:
     """Print a line for each example: name, time of a run and story; return the exit code."""
-    examples = [example(name) for name in names()]
+    entries = [example(name) for name in names()]
     wide = shutil.get_terminal_size((WIDTH, 24)).columns if sys.stdout.isatty() else WIDTH
-    longest = max(len(entry.name) for entry in examples)
+    longest = max(len(entry.name) for entry in entries)
     with reader_may_leave():
         for name, kind in KINDS.items():
             say(f"{kind.heading}:")
-            for entry in examples:
+            for entry in entries:
                 if entry.kind == name:
                     start = f"  {entry.name:<{longest}} {entry.time:>6}  "
                     say(start + textwrap.shorten(entry.story, max(wide - len(start), 20), placeholder=" ..."))
         say(
-            "python -m taichi_plume.examples NAME runs a scenario or study; --copy NAME copies any of these files"
+            "python -m taichi_plume examples NAME runs a scenario or study; --copy NAME copies any of these files"
         )
     return 0
 

@@ -1,16 +1,28 @@
-"""Command-line options that several commands share, and the types of options that take numbers."""
+"""Options of a command, from the signature and the docstring of its call: `simulate`, `study`, `maps` ...
 
-from argparse import Action, ArgumentParser, ArgumentTypeError, Namespace, _ActionsContainer
-from collections.abc import Callable
-from math import inf, isfinite, nan
+A parameter of the call is an argument of the command, a parameter by keyword an option: ``--allow-code`` for
+`allow_code`, ``--no-report`` for a `report` that is True by default. The help is the text after ``report:`` in the
+docstring, up to the next parameter or the end of the paragraph; ``--no-report`` puts "do not" before the text.
+
+``Annotated[int, "N"]`` names the value in the help, ``Annotated[float, "--from T"]`` also the option; "--size LX LY"
+takes two values, and an option with "..." may be repeated. Texts become int, Path or a word of a Literal. Other types,
+and types in quotes, reach the call as texts, unless a third entry of Annotated is a function that reads them. The call
+checks them, and the limits of numbers. What the user leaves out is not passed to the call.
+"""
+
+import inspect
+import re
+from argparse import SUPPRESS, Action, ArgumentParser, ArgumentTypeError, Namespace, _ActionsContainer
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
+from taichi_plume.cli.exit_codes import exit_code
 from taichi_plume.engine.choice import ENGINES, VARIABLE, EngineChoiceError, choose
+from taichi_plume.guard.terminal import Parser, say
 
-Number = TypeVar("Number", int, float)
-Keywords = dict[str, Any]
-"""Keywords of `add_argument`."""
+Call = Callable[..., Any]
 
 
 class EngineOption(Action):
@@ -21,85 +33,119 @@ class EngineOption(Action):
             choose(name)
         except EngineChoiceError as error:
             parser.error(str(error))
-        setattr(namespace, self.dest, name)
 
 
-ARCHS = ("auto", "cpu", "cuda", "vulkan", "metal")
-_FLAG: Keywords = {"action": "store_true"}
-OPTIONS: dict[str, Keywords] = {
-    "run": {"type": Path, "metavar": "RUN", "help": "the run's folder"},
-    "--out": {"type": Path, "metavar": "DIR", "help": "run directory (default: runs/NAME-N)"},
-    "--arch": {
-        "choices": ARCHS,
-        "default": "cpu",
-        "help": "where to compute; auto takes a GPU if there is one (default: cpu)",
-    },
-    "--engine": {
-        "action": EngineOption,
-        "choices": tuple(ENGINES),
-        "help": f"library that compiles kernels (default: {VARIABLE} of the environment, or taichi)",
-    },
-    "--set": {
-        "action": "append",
-        "default": [],
-        "metavar": "PATH=VALUE",
-        "help": "change any key, such as robots.0.count=3; may be repeated",
-    },
-    "--duration": {"metavar": "S", "help": "seconds, instead of the scenario's"},
-    "--no-recording": _FLAG | {"help": "write no recording.rrd"},
-    "--no-report": _FLAG | {"help": "write no report.html"},
-    "--quiet": _FLAG | {"help": "print errors only"},
-    "--force": _FLAG | {"help": "rename the folder of an earlier run to OUT.old"},
-    "--retry": _FLAG | {"help": "repeat failed runs"},
-    "--allow-code": _FLAG | {"help": "execute Python files that the scenario names (kind: own)"},
-    "--allow-outside": _FLAG | {"help": "read files that lie outside the scenario's folder"},
-    "--debug": _FLAG | {"help": "show where an unexpected error came from"},
-}
-OTHER_MAPS = "read maps and meshes outside the run's folder that are not those of the run"  # --allow-outside
+def parser_of(name: str, *calls: Call, leave_out: Collection[str] = (), **keywords: Any) -> Parser:
+    """Return the parser of command `name` with the options of calls; the first call describes the command.
+
+    leave_out: parameters that are no options. A call with `arch` has ``--engine``, one with `progress` ``--quiet``.
+    """
+    keywords = {"description": meanings(calls[0])[""], "argument_default": SUPPRESS} | keywords
+    parser = Parser(prog=f"taichi-plume {name}", **keywords)
+    names: set[str] = set()
+    for call in calls:
+        add_options(parser, call, {"progress", *leave_out} | names)
+        names |= inspect.signature(call).parameters.keys()
+    if "arch" in names:
+        what = f"library that compiles kernels (default: {VARIABLE} of the environment, or taichi)"
+        parser.add_argument("--engine", action=EngineOption, choices=tuple(ENGINES), help=what)
+    if "progress" in names:
+        quiet = "print errors only"
+        parser.add_argument("--quiet", dest="progress", action="store_false", help=quiet)
+    where = "show where an unexpected error came from"
+    parser.add_argument("--debug", action="store_true", default=False, help=where)
+    return parser
 
 
-def add(parser: _ActionsContainer, *names: str, **changes: Any) -> None:
-    """Add the named OPTIONS to a parser. changes: keywords of `add_argument` that override those of each."""
-    for name in names:
-        parser.add_argument(name, **OPTIONS[name] | changes)
+def add_options(parser: _ActionsContainer, call: Call, leave_out: Collection[str] = ()) -> None:
+    """Add the parameters of a call to a parser, except those in `leave_out`."""
+    helps = meanings(call)
+    for name, parameter in inspect.signature(call).parameters.items():
+        if name not in leave_out and parameter.kind is not parameter.VAR_KEYWORD:
+            kind, usage, *types = _annotations(parameter)
+            option, *values = usage.split() if usage.startswith("-") else ("", *usage.split())
+            if parameter.kind is parameter.KEYWORD_ONLY and not option:
+                option = f"--{name.replace('_', '-')}"
+            keywords = _value(kind, name, values, parameter.default, *types) | {"help": helps.get(name, "")}
+            if keywords.get("action") == "store_false":
+                option = option.replace("--", "--no-", 1)
+                keywords["help"] = f"do not {keywords['help']}"
+            elif "action" not in keywords and isinstance(parameter.default, int | float | str):
+                keywords["help"] += f" (default: {parameter.default})"
+            keywords["help"] = keywords["help"].replace("%", "%%")
+            if option:
+                required = parameter.default is parameter.empty
+                parser.add_argument(option, dest=name, required=required, **keywords)
+            else:
+                if parameter.default is not parameter.empty:
+                    keywords["nargs"] = "*" if keywords.pop("action", None) else "?"
+                parser.add_argument(name, **keywords)
 
 
-def overrides_of(args: Namespace, *keys: str) -> list[str]:
-    """Return the changes of `--set` and those of the options that are named as keys of a scenario."""
-    return [*args.set, *(f"{key}={value}" for key in keys if (value := vars(args)[key]) is not None)]
+def _annotations(parameter: inspect.Parameter) -> tuple[Any, ...]:
+    """Return the type of a parameter, its option and values in the help, and the function that reads texts, if any."""
+    kind = parameter.annotation
+    return get_args(kind) if get_origin(kind) is Annotated else (kind, "")
 
 
-def flag(parser: _ActionsContainer, name: str, meaning: str) -> None:
-    """Add a boolean option to a parser: true if given; meaning: help text."""
-    parser.add_argument(name, action="store_true", help=meaning)
+def _value(
+    kind: Any, name: str, values: list[str], default: object, read: Call | None = None
+) -> dict[str, Any]:
+    """Return the keywords of `add_argument` for the values of an option. values: their names in the help."""
+    kinds = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    if bool in kinds:
+        return {"action": "store_false" if default is True else "store_true"}
+    keywords: dict[str, Any] = {}
+    if values[-1:] == ["..."]:
+        values.pop()
+        keywords["action"] = "append"
+    words = [word for part in kinds if get_origin(part) is Literal for word in get_args(part)]
+    if words:
+        return keywords | {"choices": words}
+    if len(values) > 1:
+        keywords["nargs"] = len(values)
+    keywords["metavar"] = tuple(values) if len(values) > 1 else (values or [name.upper()])[0]
+    return keywords | {"type": read or next((known for known in (int, Path) if known in kinds), str)}
 
 
-def option(
-    parser: _ActionsContainer, name: str, kind: Callable[[str], Any], value: str, meaning: str, **more: Any
-) -> None:
-    """Add an option with a value to a parser. kind: argparse type; value, meaning: placeholder and text of the help."""
-    parser.add_argument(name, type=kind, metavar=value, help=meaning, **more)
+def meanings(call: Call) -> dict[str, str]:
+    """Return the text of each parameter in the docstring of a call, and under "" the first sentence."""
+    doc = inspect.cleandoc(call.__doc__ or "")
+    some = "|".join(inspect.signature(call).parameters)
+    heads = rf"(?:^|(?<=[.;:]\s))((?:(?:{some}), )*(?:{some})):\s"
+    texts = {"": re.split(r"(?<=\.)\s", doc)[0]}
+    for paragraph in doc.split("\n\n"):
+        _, *parts = re.split(heads, " ".join(paragraph.split()))
+        for names, text in zip(parts[::2], parts[1::2], strict=True):
+            text = re.sub(
+                rf"`({some})`", lambda name: f"--{name[1]}", text.strip().rstrip(";").removesuffix(".")
+            )
+            text = text.replace("`", "")
+            texts |= dict.fromkeys(names.split(", "), text)
+    return texts
 
 
-def _number(kind: type[Number], allowed: Callable[[float], bool], words: str) -> Callable[[str], Number]:
-    def read(text: str) -> Number:
-        try:
-            value = kind(text)
-        except ValueError:
-            value = nan
-        if not allowed(value):
-            raise ArgumentTypeError(f"must be {words}, got '{text}'")
-        return kind(value)
-
-    return read
+def port_number(text: str) -> int:
+    """Return the number of a port in a text. Raises ArgumentTypeError."""
+    if not (text.isascii() and text.isdigit() and int(text[:6]) <= 65535):
+        raise ArgumentTypeError(f"takes a whole number from 0 to 65535, not {text}")
+    return int(text)
 
 
-def whole_number(least: int, most: int) -> Callable[[str], int]:
-    """Return an argparse type that accepts whole numbers from `least` to `most`."""
-    return _number(int, lambda value: least <= value <= most, f"a whole number from {least} to {most}")
+def command(name: str, call: Call, argv: Sequence[str]) -> int:
+    """Parse the command line `argv`, call `call`, print the files that the call has written; return the exit code."""
+    given = vars(parser_of(name, call).parse_args(argv))
+    debug, out = given.pop("debug"), given.get("out", given.get("run"))
 
+    def work() -> int:
+        result = call(**given)
+        if isinstance(result, bool):
+            return int(not result)
+        if isinstance(result, dict):
+            say(*(f"{file}: {text}" for file, text in result.items()))
+        else:
+            for file in result if isinstance(result, list) else [result]:
+                say(f"{file}: {file.stat().st_size / 1e3:,.0f} kB")
+        return 0
 
-number = _number(float, isfinite, "a number without a unit")
-"""Type of an option that takes a finite number."""
-positive = _number(float, lambda value: 0.0 < value < inf, "a number above 0")
-from_zero = _number(float, lambda value: 0.0 <= value < inf, "a number from 0 on")
+    return exit_code(work, "interrupted", debug, out)

@@ -1,85 +1,117 @@
-"""``python -m taichi_plume.run scenario.yaml`` runs a scenario into a run directory.
+"""``taichi-plume run scenario.yaml`` runs a scenario into a run directory, as `simulate` does.
 
 Exit code 0: done; 1: stopped by an error, the files written so far are kept; 2: the scenario or the command line is
 wrong, or there is no such device; 130: interrupted. Heavy imports wait until the scenario has been checked.
 """
 
-import argparse
 import gc
 import sys
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any
 
+from taichi_plume.api.simulate import simulate
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.cli.options import add, flag, option, overrides_of
+from taichi_plume.cli.options import parser_of
 from taichi_plume.execution.signals import reader_may_leave
-from taichi_plume.guard.terminal import Parser, say
+from taichi_plume.guard.terminal import say
 
 if TYPE_CHECKING:
     from taichi_plume.execution.execute import Outcome
 
+FIXED = ("scenario", "out", "seed", "duration", "overrides", "check", "force", "watch", "recording")
+"""Arguments that a run keeps when it is resumed."""
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
-    args = _arguments(argv)
+    parser = parser_of("run", run, simulate)
+    given = vars(parser.parse_args(argv))
+    if "resume" not in given and "scenario" not in given:
+        parser.error("the following arguments are required: scenario")
+    if "live" in given and "recording" in given:
+        parser.error("--live shows the recording; it cannot go with --no-recording")
+    if "all" in given and "check" not in given:
+        parser.error("--all goes with --check")
+    fixed = [name for name in FIXED if name in given]
+    if "resume" in given and fixed:
+        option = {"overrides": "--set", "recording": "--no-recording"}.get(fixed[0], f"--{fixed[0]}")
+        what = option if fixed[0] != "scenario" else given["scenario"]
+        parser.error(f"--resume continues the run unchanged; it cannot go with {what}")
+    debug = given.pop("debug")
     gc.disable()  # until the run begins: garbage collection makes a start 7 % slower
     try:
-        work = _resume if args.resume else _new
-        return exit_code(lambda: work(args), "interrupted before the run began", args.debug, args.out)
+        return exit_code(
+            lambda: run(**given, debug=debug), "interrupted before the run began", debug, given.get("out")
+        )
     finally:
         gc.enable()
 
 
-def _new(args: argparse.Namespace) -> int:
-    """Check the scenario of a new run and, without --check, execute the run; return the exit code."""
+def run(
+    scenario: Path | None = None,
+    *,
+    check: bool = False,
+    all: bool = False,
+    resume: Annotated[Path | None, "RUN"] = None,
+    **options: Any,
+) -> int:
+    """Run a scenario: air flow, gas, robots, maps. The results go to a folder.
+
+    scenario: YAML file. check: only check: print the scenario, derived quantities, unlikely settings and the size, and
+    draw the scene. all: with --check: print all keys, with their defaults and meanings. resume: resume an interrupted
+    run from its checkpoint. Other options are those of `simulate`.
+    """
+    quiet, debug = options.get("progress") is False, options.pop("debug")
+    allow = options.pop("allow_code", False) or [text.lower() for text in options.pop("allow_sha256", ())]
+    outside = options.pop("allow_outside", False)
+    if resume is not None:
+        return carry_out(lambda: _resume(resume, allow, outside, **options), quiet, debug)
     from taichi_plume.assembly.preparation import load
 
-    prepared = load(args.scenario, overrides_of(args, "seed", "duration"), args.allow_outside)
-    at_the_end = args.check and sys.stdout.isatty()  # after the output, where notes would scroll away
-    for warning in () if args.quiet or at_the_end else prepared.resources.warnings:
+    prepared = load(scenario, overrides_of(options), outside)
+    at_the_end = check and sys.stdout.isatty()  # after the output, where notes would scroll away
+    for warning in () if quiet or at_the_end else prepared.resources.warnings:
         say(f"note: {warning}", error=True)
-    if args.check:
+    if check:
         from taichi_plume.cli.check import print_check
 
         with reader_may_leave():
-            print_check(prepared, args.out, args.all)
+            print_check(prepared, options.get("out"), all)
         return 0
     from taichi_plume.execution.execute import new_run
 
-    return carry_out(
-        lambda: new_run(
-            prepared, args.out, args.arch or "cpu", force=args.force, recording=not args.no_recording,
-            live=args.live, report=not args.no_report, progress=False if args.quiet else None,
-            allow_code=args.allow_code or args.allow_sha256, ask=True, watch=args.watch,
-        ), args.quiet, args.debug,
-    )  # fmt: skip
+    return carry_out(lambda: new_run(prepared, **options, allow_code=allow, ask=True), quiet, debug)
 
 
-def _resume(args: argparse.Namespace) -> int:
-    """Resume an interrupted run from the checkpoint in its folder; return the exit code."""
+def overrides_of(options: dict[str, Any]) -> list[str]:
+    """Remove ``--set``, ``--seed`` and ``--duration`` from the options and return them as changes of keys."""
+    values = {key: options.pop(key) for key in ("seed", "duration") if key in options}
+    return [*options.pop("overrides", ()), *(f"{key}={value}" for key, value in values.items())]
+
+
+def _resume(run: Path, allow: bool | list[str], outside: bool, **options: Any) -> "Outcome":
+    """Resume an interrupted run from the checkpoint in its folder. Raises InputError and RunError."""
     from taichi_plume.assembly.own_code import execute
     from taichi_plume.assembly.preparation import load
     from taichi_plume.engine import program
+    from taichi_plume.execution import execute as execution
     from taichi_plume.execution.checkpoint_reading import require_same, saved
-    from taichi_plume.execution.execute import Job, inputs_of, run
     from taichi_plume.files.run_folder import RunFolder
     from taichi_plume.record.live import open_viewer
 
-    with RunFolder.again(args.resume) as folder:
+    with RunFolder.again(run) as folder:
         checkpoint = saved(folder.path)
-        prepared = load(folder.path / "scenario.yaml", (), args.allow_outside)
-        require_same(folder.path, checkpoint["inputs"], inputs_of(prepared)[1:])
-        execute(prepared, args.allow_code or args.allow_sha256, ask=True)
-        arch, recording = args.arch or checkpoint["arch"], checkpoint["recording"]
+        prepared = load(folder.path / "scenario.yaml", (), outside)
+        require_same(folder.path, checkpoint["inputs"], execution.inputs_of(prepared)[1:])
+        execute(prepared, allow, ask=True)
+        arch, recording = options.pop("arch", checkpoint["arch"]), checkpoint["recording"]
         backend = program.start(arch)
-        viewer = open_viewer() if args.live and recording else None
-        job = Job(
-            prepared, folder, arch, backend, recording, checkpoint, viewer, not args.no_report,
-            progress=False if args.quiet else None,
-        )  # fmt: skip
-        return carry_out(lambda: run(job), args.quiet, args.debug)
+        viewer = open_viewer() if options.pop("live", False) and recording else None
+        return execution.run(
+            execution.Job(prepared, folder, arch, backend, recording, checkpoint, viewer, **options)
+        )
 
 
 def carry_out(run: "Callable[[], Outcome]", quiet: bool, debug: bool) -> int:
@@ -98,42 +130,3 @@ def carry_out(run: "Callable[[], Outcome]", quiet: bool, debug: bool) -> int:
         with reader_may_leave():
             print_summary(result, folder)
     return 0
-
-
-def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = Parser(
-        prog="python -m taichi_plume.run",
-        description="Run a scenario: air flow, gas, robots, maps. The results go to a folder.",
-    )
-    parser.add_argument("scenario", type=Path, nargs="?", help="YAML file")
-    add(parser, "--out")
-    add(parser, "--arch", default=None)  # with --resume: the device of the run
-    option(parser, "--seed", str, "N", "instead of the scenario's")
-    add(parser, "--engine", "--duration", "--set")
-    check = "only check: print the scenario, derived quantities, unlikely settings and the size, and draw the scene"
-    flag(parser, "--check", check)
-    flag(parser, "--all", "with --check: print all keys, with their defaults and meanings")
-    flag(parser, "--live", "open the viewer during the run (on this machine alone)")
-    watch = (
-        "write progress, gas, wind and robots to this file during the run, for a program that shows the run"
-    )
-    option(parser, "--watch", Path, "FILE.npz", watch)
-    add(parser, "--no-recording", "--no-report", "--quiet", "--force")
-    option(parser, "--resume", Path, "RUN", "resume an interrupted run from its checkpoint")
-    add(parser, "--allow-code", "--allow-outside", "--debug")
-    code = "execute a Python file that the scenario names if the file has this SHA-256; may be repeated"
-    option(parser, "--allow-sha256", str.lower, "HEX", code, action="append", default=[])
-    args = parser.parse_args(argv)
-    if args.resume is None and args.scenario is None:
-        parser.error("the following arguments are required: scenario")
-    if args.live and args.no_recording:
-        parser.error("--live shows the recording; it cannot go with --no-recording")
-    if args.all and not args.check:
-        parser.error("--all goes with --check")
-    fixed = [
-        f"--{key}" for key in ("out", "seed", "duration", "set", "check", "force", "watch") if vars(args)[key]
-    ]
-    if args.resume is not None and (args.scenario or args.no_recording or fixed):
-        what = fixed[0] if fixed else args.scenario or "--no-recording"
-        parser.error(f"--resume continues the run unchanged; it cannot go with {what}")
-    return args

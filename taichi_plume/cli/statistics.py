@@ -1,60 +1,31 @@
-"""``python -m taichi_plume.statistics RUN|FILM`` computes statistics of a plume: mean, rms, intermittency, whiffs.
+"""``taichi-plume statistics RUN|FILM`` prints statistics of a plume and writes their files, see `statistics`."""
 
-``taichi_plume.statistics(...)`` is the same from Python.
-"""
-
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from taichi_plume.api.statistics import statistics
 from taichi_plume.cli.exit_codes import exit_code
-from taichi_plume.cli.options import add, flag, number, option, positive
+from taichi_plume.cli.options import parser_of
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.guard.terminal import Parser, say
+from taichi_plume.guard.terminal import say
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
-    args = _arguments(argv)
-    return exit_code(lambda: _analyse(args), out=args.out or args.source)
+    given = vars(parser_of("statistics", statistics).parse_args(argv))
+    debug, out = given.pop("debug"), given.get("out", given["source"])
+    return exit_code(lambda: _analyse(**given), debug=debug, out=out)
 
 
-def _analyse(args: argparse.Namespace) -> int:
-    from taichi_plume.api.statistics import statistics
-
-    plume = statistics(
-        args.source, gas=args.gas, probe=args.probe, threshold=args.threshold, start=args.start, bounds=args.range,
-        sensors=args.sensor,
-    )  # fmt: skip
-    out = args.out or _folder(args.source)
-    if args.out is None and out.is_symlink():
-        raise InputError(f"{out}: is a link, to which nothing is written; choose --out")
-    paths = plume.write(out, page=not args.no_page)
+def _analyse(source: str, out: Path | None = None, page: bool = True, **options: object) -> int:
+    plume = statistics(source, **options)  # type: ignore
+    folder = out or _folder(Path(source))
+    if out is None and folder.is_symlink():
+        raise InputError(f"{folder}: is a link, to which nothing is written; choose --out")
+    paths = plume.write(folder, page)
     say(*(f"{subject}: {words}" for subject, words in plume.rows))
     say(f"{paths[-1]}: {paths[-1].stat().st_size / 1e3:,.0f} kB")
     return 0
-
-
-def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = Parser(
-        prog="python -m taichi_plume.statistics",
-        description="Statistics of a plume's fluctuations, from a run's probes or from a film: mean and rms, "
-        "intermittency, whiffs and blanks, spectra, lengths, and which whiffs gas sensors keep.",
-    )
-    source = "the folder of a run with probes or fields, or a film"
-    parser.add_argument("source", type=Path, metavar="RUN|FILM", help=source)
-    option(parser, "--gas", str, "NAME", "species (default: the first)")
-    option(parser, "--probe", str, "NAME", "only this probe")
-    threshold = "more than this is gas (default: a tenth of the mean at the point with the most gas)"
-    option(parser, "--threshold", positive, "PPM", threshold)
-    option(parser, "--from", number, "T", "leave out samples before this simulated time [s]", dest="start")
-    durations = "durations [s] between which the power law is fitted (default: chosen from the data)"
-    parser.add_argument("--range", type=positive, nargs=2, metavar=("A", "B"), help=durations)
-    sensor = "another gas sensor, such as '{kind: pid, rise_time: 20 ms, decay_time: 20 ms, period: 10 ms}'"
-    option(parser, "--sensor", str, "YAML", sensor, action="append", default=[])
-    add(parser, "--out", help="(default: RUN/statistics, or FILM with -statistics instead of .zarr)")
-    flag(parser, "--no-page", "write no statistics.html")
-    return parser.parse_args(argv)
 
 
 def _folder(source: Path) -> Path:

@@ -110,7 +110,7 @@ class Choice(NamedTuple):
         """Return the command line that repeats the contest or, if Python code gave classes, the call of Python."""
         if any(not isinstance(algorithm, str) for algorithm in self.algorithms or ()):
             return self._call()
-        words = ["python", "-m", "taichi_plume.contest"]
+        words = ["python", "-m", "taichi_plume", "contest"]
         for name, files in (("--algorithm", self.files), ("--policy", self.policies)):
             words += [word for file in files for word in (name, str(file))]
         words += ["--allow-code"] * self.allow_code + ["--quick"] * self.quick

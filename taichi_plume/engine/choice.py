@@ -4,12 +4,16 @@ import os
 import sys
 from functools import cache
 from importlib.util import find_spec
+from typing import Literal
 
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 
 VARIABLE = "TAICHI_PLUME_ENGINE"
 """Environment variable with the name of the engine. Worker processes inherit it."""
+
+Arch = Literal["auto", "cpu", "cuda", "vulkan", "metal"]
+"""Devices that the user may ask for; auto takes a GPU if there is one."""
 
 DEFAULT = "taichi"
 ENGINES = {DEFAULT: "pip install 'taichi>=1.7.4,<1.8'", "quadrants": "pip install 'taichi_plume[quadrants]'"}

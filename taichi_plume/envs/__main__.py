@@ -1,6 +1,6 @@
 """``python -m taichi_plume.envs``: the command of `taichi_plume.cli.envs`."""
 
-from taichi_plume.__main__ import command
+from taichi_plume.__main__ import end_by
 
 if __name__ == "__main__":
-    command("envs")
+    end_by("envs")

@@ -19,7 +19,7 @@ def saved(folder: Path) -> dict[str, Any]:
     path = folder / checkpoint.NAME
     if not path.exists():
         raise RunFolderError(
-            f"{folder}: has no checkpoint to resume from; python -m taichi_plume.repair {folder} completes its files"
+            f"{folder}: has no checkpoint to resume from; python -m taichi_plume repair {folder} completes its files"
         )
     try:
         content = checkpoint.read(path)

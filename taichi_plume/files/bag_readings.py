@@ -11,9 +11,10 @@ missing readings. What was assumed is a remark.
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
+import pydantic
 
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.bag_fields import Field, NumberReader, field_of
@@ -38,27 +39,30 @@ MAP = "map"
 
 @dataclass(frozen=True)
 class BagOptions:
-    """Options of reading a ROS bag. gas, pose (or frames), wind: topics, the last two one per gas topic; default: all.
+    """Options of reading a ROS bag.
 
-    frame: frame of positions, by default map or, if the bag has none, that of the poses. sensor: index in a
-    GasSensorArray. units: of gas, if messages give none or wrong units. reading: numbers in messages of any type, by
-    topic and field, such as /enose.data[0]; after those of `gas`.
-    model: metal oxide whose law converts resistances to ppm, air: resistance in clean air [ohm]; by default those of
-    the messages. upwind: Anemometer messages give the direction where the wind comes from. lenient: for trajectories
-    alone: readings that cannot be converted to ppm are NaN, and wind is left out.
+    gas: topic of gas; repeat it for several robots; by default all of the type. pose: pose of the robot, or a frame,
+    for each topic of gas, by default that with poses around most readings. wind: topic of wind, for each topic of gas,
+    by default its neighbour, if there is any. frame: frame of positions, by default map or, if the bag has none, that
+    of the poses. sensor: index in a GasSensorArray, from 0 on. units: of gas, instead of the unit of the messages;
+    plain numbers are ppm by default. model: metal oxide whose law converts resistances to ppm, by default as in the
+    messages. air: resistance in clean air [ohm], by default as in the messages. upwind: Anemometer messages give the
+    direction where the wind comes from. lenient: for trajectories alone, readings that cannot be converted to ppm are
+    NaN, and wind is left out. reading: a number in messages of any type, such as /enose.data[0], after those of the
+    topics of gas; may be repeated.
     """
 
-    gas: tuple[str, ...] = ()
-    pose: tuple[str, ...] = ()
-    wind: tuple[str, ...] = ()
-    frame: str | None = None
-    sensor: int | None = None
-    units: Units | None = None
-    model: MoxName | None = None
-    air: si.Resistance | None = None
-    upwind: bool = False
+    gas: Annotated[tuple[str, ...], "--topic TOPIC ..."] = ()
+    pose: Annotated[tuple[str, ...], "--pose TOPIC ..."] = ()
+    wind: Annotated[tuple[str, ...], "--wind TOPIC ..."] = ()
+    frame: Annotated[str | None, "--frame NAME"] = None
+    sensor: Annotated[Annotated[int, pydantic.Field(ge=0)] | None, "--sensor N"] = None
+    units: Annotated[Units | None, "--units"] = None
+    model: Annotated[MoxName | None, "--model"] = None
+    air: Annotated[si.Resistance | None, "--air OHM"] = None
+    upwind: Annotated[bool, "--upwind"] = False
     lenient: bool = False
-    reading: tuple[str, ...] = ()
+    reading: Annotated[tuple[str, ...], "--reading FIELD ..."] = ()
 
 
 @dataclass(frozen=True)

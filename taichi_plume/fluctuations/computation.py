@@ -57,7 +57,7 @@ def statistics_of(
         raise RunFolderError(f"{path}: is neither the folder of a run nor a film")
     run = Run(path)
     status = str(run.result.get("status", "unknown"))
-    repair = f"`python -m taichi_plume.repair {path}`"
+    repair = f"`python -m taichi_plume repair {path}`"
     if status == "running":
         raise RunFolderError(f"{path}: is still running, or was killed; wait, or {repair}")
     table, film = path / "probes.parquet", path / "fields.zarr"

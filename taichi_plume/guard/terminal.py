@@ -1,6 +1,7 @@
 """Printing to the terminal; control characters in files, names and messages are escaped."""
 
 import argparse
+import difflib
 import re
 import sys
 from contextlib import nullcontext, suppress
@@ -105,8 +106,20 @@ def notebook_display() -> Any:
 
 
 class Parser(argparse.ArgumentParser):
-    """Command-line argument parser whose error messages are escaped."""
+    """Command-line argument parser whose errors are one escaped line."""
 
     def error(self, message: str) -> NoReturn:
         """Print an escaped error on the command line's arguments and exit with 2."""
-        super().error(visible(message))
+        self.exit(2, visible(f"{self.prog}: error: {message}; see --help") + "\n")
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse the command line; an unknown option is an error that names the most similar option."""
+        found, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            names = [name for action in self._actions for name in action.option_strings if name[:2] == "--"]
+            close = difflib.get_close_matches(unknown[0].partition("=")[0], names, n=1)
+            meant = f"did you mean '{close[0]}'? " if close else ""
+            self.error(
+                f"unexpected '{visible(unknown[0], LONGEST_VALUE)}'; {meant}options: {', '.join(names)}"
+            )
+        return found

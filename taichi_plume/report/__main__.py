@@ -1,6 +1,6 @@
-"""``python -m taichi_plume.report``: the command of `taichi_plume.cli.report`."""
+"""``python -m taichi_plume.report``: the command of `taichi_plume.api.report`."""
 
-from taichi_plume.__main__ import command
+from taichi_plume.__main__ import end_by
 
 if __name__ == "__main__":
-    command("report")
+    end_by("report")

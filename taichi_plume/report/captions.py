@@ -61,7 +61,7 @@ BUDGET = "Mass balance: the gas that came in equals the gas in the room plus the
 """Caption of the mass of the gas."""
 UNFINISHED = (
     "This run has not ended by itself (status: {status}); the page shows the files so far. To complete the files: "
-    "python -m taichi_plume.repair {folder}"
+    "python -m taichi_plume repair {folder}"
 )
 NO_PICTURES = "There is neither a recording nor recorded fields, so the gas itself cannot be shown."
 NO_MAPS = "The folder has no maps to show (no maps.zarr that can be read)."

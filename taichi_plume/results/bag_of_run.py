@@ -1,4 +1,4 @@
-"""Export of a run as a ROS 2 bag: ``python -m taichi_plume.export RUN --to mcap`` writes the folder RUN/bag.
+"""Export of a run as a ROS 2 bag: ``python -m taichi_plume export RUN --to mcap`` writes the folder RUN/bag.
 
 The bag holds one trial, with every message at its simulated time. Robot k of a group has
 

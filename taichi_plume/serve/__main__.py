@@ -1,6 +1,6 @@
 """``python -m taichi_plume.serve``: the command of `taichi_plume.cli.serve`."""
 
-from taichi_plume.__main__ import command
+from taichi_plume.__main__ import end_by
 
 if __name__ == "__main__":
-    command("serve")
+    end_by("serve")

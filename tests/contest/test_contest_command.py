@@ -1,4 +1,4 @@
-"""`python -m taichi_plume.contest`: bad input in a line, and a tiny contest that is played twice."""
+"""`python -m taichi_plume contest`: bad input in a line, and a tiny contest that is played twice."""
 
 from hashlib import sha256
 from types import SimpleNamespace

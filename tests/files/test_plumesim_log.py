@@ -12,10 +12,11 @@ import pandas
 import pytest
 
 from taichi_plume import open_run
+from taichi_plume.__main__ import main
 from taichi_plume.assembly import assemble as assembly
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.preparation import load_scenario
-from taichi_plume.cli import export, run
+from taichi_plume.cli import run
 from taichi_plume.execution.plume_log import PlumeLogger
 from taichi_plume.files import disk
 from taichi_plume.files.plumesim_log import read_log
@@ -214,7 +215,7 @@ def test_the_log_of_a_sensor_network_plays_its_readings(network, source, cell):
     """Readings hold at each node until the next row; of the robots, only those that stand are nodes."""
     log = network / "run/network.pslog"
     options = ["--from", source, "--full-scale", "50", "--force"]
-    assert export.main([str(log.parent), "--to", "plumesim", *options]) == 0
+    assert main(["export", str(log.parent), "--to", "plumesim", *options]) == 0
     results = open_run(log.parent)
     if source == "probes":
         rows, gas = results.probes, "acetone_ppm"
@@ -240,7 +241,7 @@ def test_the_log_of_a_sensor_network_plays_its_readings(network, source, cell):
 )
 def test_a_trial_that_is_not_there_is_refused(network, capsys, source, trial, reported):
     options = ["--to", "plumesim", "--from", source, "--trial", trial, "--force"]
-    assert export.main([str(network / "run"), *options]) == 2
+    assert main(["export", str(network / "run"), *options]) == 2
     assert reported in capsys.readouterr().err
 
 

@@ -13,9 +13,9 @@ import pytest
 from PIL import Image
 from refusals import unfinished
 
+from taichi_plume.__main__ import main
 from taichi_plume.agents import algorithm_table, mapping
 from taichi_plume.assembly import solver_table
-from taichi_plume.cli.report import main
 from taichi_plume.execution.result import write_result
 from taichi_plume.record.layout import MAP_TITLES
 from taichi_plume.report import captions, facts, figures, maps, references, theme
@@ -65,7 +65,7 @@ def report(capsys):
     """Write and read the page of a folder."""
 
     def make(folder: Path) -> Read:
-        assert main([str(folder)]) == 0
+        assert main(["report", str(folder)]) == 0
         assert str(folder / NAME) in capsys.readouterr().out
         return Read((folder / NAME).read_text(encoding="utf-8"))
 
@@ -230,7 +230,7 @@ def test_bad_folders_are_one_line_each(tmp_path, capsys):
     torn = made_run.made(tmp_path / "torn")
     (torn / "robots.parquet").write_bytes(b"PAR1 nothing")
     for folder, words in ((other, "frobnicate"), (torn, "is damaged")):
-        assert main([str(folder)]) == 2
+        assert main(["report", str(folder)]) == 2
         said = capsys.readouterr().err
         assert said.startswith(str(folder)), said
         assert said.count("\n") == 1
@@ -254,7 +254,7 @@ def test_a_result_that_says_other_things_is_reported_in_a_line(tmp_path, capsys,
     """In the page itself if the run did not end by itself."""
     model = made_run.scenario(maps=[GMRF])
     folder = made_run.made(tmp_path / "run", model, content=made_run.result(model, status=status, **changes))
-    code, said = main([str(folder)]), capsys.readouterr().err
+    code, said = main(["report", str(folder)]), capsys.readouterr().err
     if status == "killed":
         assert code == 0
         said = Read((folder / NAME).read_text(encoding="utf-8")).text

@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from taichi_plume.cli import picture
+from taichi_plume.__main__ import main
 from taichi_plume.report import scene
 from taichi_plume.results.run import Run
 
@@ -57,7 +57,7 @@ def test_figures_from_python_keep_their_text():
 def test_the_picture_command_keeps_text(tmp_path, kind):
     folder = made_run.made(tmp_path / "run")
     out = tmp_path / f"x.{kind}"
-    assert picture.main([str(folder), "--at", "5", "--out", str(out)]) == 0
+    assert main(["picture", str(folder), "--at", "5", "--out", str(out)]) == 0
     content = out.read_bytes()
     if kind == "pdf":
         assert "Type3" not in fonts(content)

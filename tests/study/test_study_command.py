@@ -77,7 +77,7 @@ def test_check_of_many_points_checks_the_ends_and_a_sample(tmp_path, monkeypatch
     [
         (["study.yaml", "--workers", "2", "--scheduler", "tcp://a:1"], "it cannot go with --scheduler"),
         (["study.yaml", "--dashboard"], "--scheduler ADDRESS"),
-        ([], "required: study"),
+        ([], "required: STUDY"),
         (["report"], "required: DIR"),
     ],
 )

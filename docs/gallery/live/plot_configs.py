@@ -19,7 +19,7 @@ RUNS = Path(mkdtemp())
 
 def terminal(command):
     """Run a command, with this checkout's configs and a temporary runs folder."""
-    name, *options = shlex.split(command.removeprefix("python -m taichi_plume."))
+    name, *options = shlex.split(command.removeprefix("python -m taichi_plume")[1:])
     main([name, *(option.replace("configs", str(CONFIGS)).replace("runs", str(RUNS)) for option in options)])
 
 
@@ -36,7 +36,7 @@ def print_success(name):
 # The plume is smooth, and a gradient leads to its axis.
 
 terminal("python -m taichi_plume.run configs/gaussian.yaml --out runs/gaussian --quiet")
-terminal("python -m taichi_plume.picture runs/gaussian --width 900 --out gaussian.png")
+terminal("python -m taichi_plume picture runs/gaussian --width 900 --out gaussian.png")
 print_success("gaussian")
 
 # %%
@@ -45,7 +45,7 @@ print_success("gaussian")
 # A Roomba zigzags to a leak at the upwind wall.
 
 terminal("python -m taichi_plume.run configs/plumesim_casting.yaml --out runs/plumesim_casting --quiet")
-terminal("python -m taichi_plume.picture runs/plumesim_casting --width 900 --out plumesim_casting.png")
+terminal("python -m taichi_plume picture runs/plumesim_casting --width 900 --out plumesim_casting.png")
 print_success("plumesim_casting")
 
 # %%
@@ -54,5 +54,5 @@ print_success("plumesim_casting")
 # Wind and gas of a PlumeSim log, constant around each of its nodes.
 
 terminal("python -m taichi_plume.run configs/playback.yaml --out runs/playback --quiet")
-terminal("python -m taichi_plume.picture runs/playback --width 900 --out playback.png")
+terminal("python -m taichi_plume picture runs/playback --width 900 --out playback.png")
 print_success("playback")
