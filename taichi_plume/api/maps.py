@@ -67,8 +67,8 @@ def maps(
     type, such as ``["/enose.data[0]"]``), frame, sensor, units, model, air and upwind; `origin` is a position in that
     frame.
 
-    out: folder for map.csv, map.png and scores.json, in Python by default none. force: rename the folder of an earlier map
-    to `out`.old.
+    out: folder for map.csv, map.png and scores.json, in Python by default none. force: rename the folder of an earlier
+    map to `out`.old.
 
     All readings count unless the map's parameters limit their age. Raises InputError (ReadingsError, ScenarioError,
     RunFolderError), whose lines name the options of the command, and OSError.
