@@ -1,7 +1,7 @@
 """Pictures and films of a run, for talks and papers: ``tp.picture(folder, at=20)`` is ``taichi-plume picture``.
 
 A picture shows the recorded gas with its scale over the scene, and the wind and the robots of that moment. The data
-come from recording.rrd or, without a recording, from fields.zarr; nothing is computed again.
+come from pictures.zarr or, without it, from fields.zarr; nothing is computed again.
 """
 
 from pathlib import Path

@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 from taichi_plume.execution.execute import report
 from taichi_plume.execution.outputs import OVER
 from taichi_plume.execution.result import write_result
-from taichi_plume.files import checkpoint, disk, manifest, maps_file, parquet, plumesim_log, run_tables
+from taichi_plume.files import checkpoint, disk, manifest, maps_file, parquet, pictures_file, plumesim_log, run_tables
 from taichi_plume.files.run_folder import KILLED, LISTED, RunFolder, RunFolderError, read_json, resuming
 from taichi_plume.guard.terminal import say
 from taichi_plume.scoring.declarations import Json
@@ -173,6 +173,10 @@ def _film(path: Path) -> str | None:
     return f"{film_writer.complete(path)} frames"
 
 
+def _pictures(path: Path) -> str | None:
+    return f"{pictures_file.complete(path)} pictures" if (path / "zarr.json").exists() else None
+
+
 def _maps(path: Path) -> None:
     """Remove the partial folder of gas maps whose writing was interrupted."""
     disk.discard(path.with_name(maps_file.PART))
@@ -183,6 +187,7 @@ COMPLETE: dict[str, Callable[[Path], str | None]] = {
     "probes.parquet": _table,
     "forces.csv": _lines,
     "fields.zarr": _film,
+    "pictures.zarr": _pictures,
     "plume.pslog": _log,
     "maps.zarr": _maps,
     "recording.rrd": _recording,

@@ -15,6 +15,7 @@ Rows = list[tuple[str, ...]]
 
 FILES = {
     "report.html": "this report",
+    "pictures.zarr": "numbers of the recorded pictures: gas, temperature and wind in planes, for xarray",
     "recording.rrd": "gas, wind, robots, sensors and maps over time, for the viewer: rerun recording.rrd",
     "result.json": "results of the run, as numbers",
     "robots.parquet": "a row per robot and time: pose, reading, true gas, wind, state",

@@ -22,6 +22,7 @@ ENTRIES_PER_CELL = 150  # of that matrix per cell of the grid; with more, other 
 BESIDE = 1.15  # cells beside an obstacle over its surface in squares of the grid
 BYTES_PER_ROBOT = 2000  # state, readings and a few minutes of track
 BYTES_PER_POSE = 12.0  # x, y and heading in a camera's frame
+BYTES_PER_VALUE = 0.6  # and picture, of pictures.zarr: measured; frames without gas take less
 BYTES_PER_PIXEL = 1.7  # and picture, of recording.rrd: measured, with arrows and tracks
 MOST_PIXELS = 400  # per axis of a recorded plane
 MOST_VOXELS = 96  # per axis of a recorded volume
@@ -67,6 +68,7 @@ def _files(scenario: Scenario) -> dict[str, float]:
         shown += prod(min(ceil(n / 2), MOST_VOXELS) for n in domain.shape) * scenario.recording.volume
     sizes = {
         "recording.rrd": BYTES_PER_PIXEL * shown * scenario.recording.rate * whole,
+        "pictures.zarr": BYTES_PER_VALUE * shown * scenario.recording.rate * whole,
         "robots.parquet": sum(map(_bytes_per_tick, scenario.robots)) * scenario.duration / scenario.tick,
         "report.html": BYTES_OF_REPORT,
     }

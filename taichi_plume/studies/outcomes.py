@@ -72,6 +72,7 @@ SHARES = frozenset(("success", "within_reach"))
 """Names in result.json of shares, besides those that end with `_rate` or `_fraction`."""
 SECTIONS = {
     "recording.rrd": "recording",
+    "pictures.zarr": "recording",
     "forces.csv": "forces",
     "probes.parquet": "probes",
     "fields.zarr": "fields",

@@ -209,7 +209,7 @@ def test_a_run_that_was_killed_is_shown_as_far_as_it_came(tmp_path, report):
     (folder / "pictures.zarr" / "gas_slice" / "c" / "0" / "0" / "0").unlink()
     unfinished(folder / "robots.parquet")
     page = report(folder)
-    assert "taichi-plume repair" in page.text
+    assert "taichi_plume repair" in page.text
     assert "pictures.zarr: is damaged: gas_slice has 0 of 1" in page.text
     assert page.titles == ["The scene", "Tracks", SERIES]
 
