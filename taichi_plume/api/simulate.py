@@ -41,8 +41,8 @@ def simulate(
     in Python ``["robots.0.count=3"]`` or ``{"robots.0.count": 3}``.
 
     live: open the viewer during the run, on this machine alone. watch: write progress, gas, wind and robots to this
-    file during the run, for a program that shows the run. recording: write recording.rrd and pictures.zarr. report: write report.html.
-    progress: show a progress bar; by default in a notebook and at a terminal. force: rename the
+    file during the run, for a program that shows the run. recording: write recording.rrd and pictures.zarr. report:
+    write report.html. progress: show a progress bar; by default in a notebook and at a terminal. force: rename the
     folder of an earlier run to `out`.old, `out`.old-2 and so on.
 
     allow_code: execute Python files that the scenario names (kind: own). allow_sha256: execute a Python file that the

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Self
@@ -20,13 +21,14 @@ from taichi_plume.guard.safe_open import as_path
 from taichi_plume.observed.observer import Observer
 from taichi_plume.observed.planes import cells_of
 from taichi_plume.observed.quantities import quantities, wind
-from taichi_plume.observed.views import View, views
+from taichi_plume.observed.views import View, output_view, views
 from taichi_plume.quantities import Number
 from taichi_plume.scenario import si
 from taichi_plume.scenario.changes import shown
 from taichi_plume.scenario.comparison import differences_at_start
+from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.loading import Overrides, ScenarioError, load_part, of_python
-from taichi_plume.scenario.outputs import Fields
+from taichi_plume.scenario.outputs import Fields, Output
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.time_loop import Every, TimeLoop
 
@@ -219,15 +221,19 @@ class Simulation:
     def _observe(self, period: float, function: Callable[["Simulation"], object]) -> None:
         self.loop.observers.append(Every(period, lambda _: function(self), warm_up=True))
 
-    def write(self, path: str | Path, every: Number | None = None) -> None:
+    def write(
+        self, path: str | Path, every: Number | None = None, *, view: Mapping[str, object] | None = None
+    ) -> None:
         """Write a file from now on, a sample every `every` simulated seconds; `close`, `reset` and the end complete it.
 
         path: a film of wind, gas and temperature if it ends in .zarr, as `fields.zarr` of a run; a table of the robots
-        if it ends in .parquet. every: by default 0.5 s for films, a tick for tables. An existing file is not
-        overwritten. Raises InputError and OSError.
+        if it ends in .parquet. view: what a .zarr shows instead, by the keys of the scenario's `outputs`, such as
+        ``{"quantity": "gas", "plane": "xz", "at": "1 m"}``; the file is as `pictures.zarr` of a run. every: by default
+        0.5 s for films and views, a tick for tables. An existing file is not overwritten. Raises InputError, OSError.
         """
         from taichi_plume.execution.film_output import Filming
         from taichi_plume.execution.robots_table import RobotTable
+        from taichi_plume.observed.store import PictureStore
 
         path, loop = as_path(path, "path"), self.loop
         taken = InputError(f"{path}: exists already, or is being written; choose another name, or remove it")
@@ -237,7 +243,18 @@ class Simulation:
         if interval is not None and interval < loop.dt * (1 - SHORTEST):
             raise InputError(f"{path}: every: got {interval:g} s; it must be at least a tick, {loop.dt:g} s")
         table: Table
-        if path.suffix == ".zarr":
+        if view is not None:
+            if path.suffix != ".zarr":
+                raise InputError(f"{path}: must end in .zarr, as it shows a view")
+            output = load_part(
+                dict(view) | {"rate": 2.0 if interval is None else 1.0 / interval}, "view", Output
+            )
+            faults = list(output.errors("view", Context(loop.scenario, {})))
+            if faults:
+                raise ScenarioError(faults)
+            shown = replace(output_view(loop, output, "view"), output="")
+            table = PictureStore(Observer(loop, [shown]), path, {"title": f"View of {loop.scenario.name}"})
+        elif path.suffix == ".zarr":
             table = Filming(
                 loop, path, Fields(rate=2.0 if interval is None else 1.0 / interval, start=loop.t)
             )

@@ -19,7 +19,7 @@ from taichi_plume.guard.safe_open import read_regular
 from taichi_plume.guard.terminal import say
 from taichi_plume.observed.observer import Observer
 from taichi_plume.observed.store import PictureStore
-from taichi_plume.observed.views import views
+from taichi_plume.observed.views import output_views, views
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.outputs import Checkpoint
 from taichi_plume.scoring.beliefs import BeliefScores
@@ -96,9 +96,11 @@ class Outputs:
         sim.observers += [self.map_scores.observer(), self.belief_scores.observer()]
         self.tables = self._tables()
         self.recorder = None
-        if about.recording:
-            observer = Observer(sim, views(sim))
+        observer = Observer(sim, [*(views(sim) if about.recording else ()), *output_views(sim)])
+        if observer.views and (about.recording or about.wants(pictures_file.NAME)):
+            sim.observers += observer.observers()
             self.tables.append(PictureStore(observer, about.folder / pictures_file.NAME, self._origin()))
+        if about.recording:
             self.recorder = self._recorder(observer)
         sim.observers.append(Every(sim.dt, self.keep, warm_up=True))
         self.observers, self.step_observers = list(sim.observers), list(sim.step_observers)
@@ -153,7 +155,7 @@ class Outputs:
 
         path = self.about.folder / "recording.rrd"
         recorder = Recorder(self.sim, path, self.about.backend, self.map_scores, self.about.live, observer)
-        self.sim.observers += [*observer.observers(), *recorder.observers()]
+        self.sim.observers += recorder.observers()
         return recorder
 
     def _periods(self) -> tuple[int | None, float | None]:

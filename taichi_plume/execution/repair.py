@@ -13,7 +13,16 @@ import pyarrow.compute as pc
 from taichi_plume.execution.execute import report
 from taichi_plume.execution.outputs import OVER
 from taichi_plume.execution.result import write_result
-from taichi_plume.files import checkpoint, disk, manifest, maps_file, parquet, pictures_file, plumesim_log, run_tables
+from taichi_plume.files import (
+    checkpoint,
+    disk,
+    manifest,
+    maps_file,
+    parquet,
+    pictures_file,
+    plumesim_log,
+    run_tables,
+)
 from taichi_plume.files.run_folder import KILLED, LISTED, RunFolder, RunFolderError, read_json, resuming
 from taichi_plume.guard.terminal import say
 from taichi_plume.scoring.declarations import Json

@@ -5,7 +5,7 @@ the dimensions (time, y, x), NaN where a pixel has no air. They are packed, as t
 `add_offset` say, and precise to `relative_precision` of the value plus `absolute_precision` in its unit; larger values
 than `largest_value` are stored as that. A pixel is the largest value that it covers. `colors_from` and `colors_to` are
 the ends of the viewer's colours, by which nothing is cut off. The group "wind" has u, v and w [m/s] at the arrows'
-places, such as `u_slice`.
+places, such as `u_slice`. Each of the scenario's `outputs` is a group of its name.
 
 A picture counts once its time is written, so an interrupted run has all pictures of the last flush.
 """
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 NAME = "pictures.zarr"
 FORMAT = "taichi_plume pictures 1"
-PARTS = ("", "wind")
 TIME_CHUNK = 4096
 
 
@@ -41,7 +40,7 @@ def read(path: Path, part: str = "") -> "xarray.Dataset":
         root = zarr_groups.Group(path).attributes
         if root.get("format") != FORMAT:
             raise RunFolderError(f"{path}: was made by another version (its format is not '{FORMAT}')")
-        if part and not (path / part / "zarr.json").exists():
+        if part and part not in parts(path):
             return xarray.Dataset()
         group = zarr_groups.Group(path, part, consolidated=True)
         for name in group.names:
@@ -49,6 +48,12 @@ def read(path: Path, part: str = "") -> "xarray.Dataset":
             if zarr_groups.stored_chunks(array) < array.nchunks:
                 raise ValueError(f"{name} has {zarr_groups.stored_chunks(array)} of {array.nchunks} chunks")
         return zarr_groups.open_dataset(path, group=part or None, consolidated=True, chunks=None)
+
+
+def parts(path: Path) -> list[str]:
+    """Return the names of the groups in a file of pictures, such as "wind"."""
+    inner = (file.parent for file in path.glob("*/zarr.json"))
+    return sorted(folder.name for folder in inner if (folder / "time" / "zarr.json").exists())
 
 
 def complete(path: Path) -> int:
@@ -62,9 +67,11 @@ def complete(path: Path) -> int:
     for file in path.rglob("*.partial"):
         file.unlink()
     with zarr_groups.errors_as(RunFolderError, path):
-        for part in reversed([part for part in PARTS if (path / part / "zarr.json").exists()]):
+        for part in [*parts(path), ""]:
             group = zarr_groups.Group(path, part, mode="r+")
             arrays = {name: group[name] for name in group.names}
+            if "time" not in arrays:
+                continue
             counts.append(int(np.isfinite(arrays["time"][:]).cumprod().sum()))
             for array in arrays.values():
                 if (array.metadata.dimension_names or ("",))[0] == "time":

@@ -10,6 +10,7 @@ from math import ceil, hypot
 import numpy as np
 
 from taichi_plume.grid.grid import Grid
+from taichi_plume.scenario.outputs import Output
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.size import MOST_PIXELS, MOST_VOXELS
 
@@ -74,6 +75,18 @@ def planes(scenario: Scenario, extent: Sequence[float]) -> list[Plane]:
         text = f"{'xy'[normal]} = {level:g} m"
         found.append(Plane(_nth("section", n), (1 - normal, 2), normal, level, text))
     return found
+
+
+def plane_of(output: Output, extent: Sequence[float]) -> Plane:
+    """Return the plane of a view that is written by itself; its name is that of the output."""
+    if len(extent) == 2:
+        return Plane(output.name, (0, 1), None, None, "")
+    if output.plane == "column":
+        return Plane(output.name, (0, 1), 2, None, "maximum over the height")
+    axes = tuple(map("xyz".index, output.plane))
+    normal = 3 - sum(axes)
+    level = extent[normal] / 2 if output.at is None else output.at
+    return Plane(output.name, axes, normal, level, f"{'xyz'[normal]} = {level:g} m")
 
 
 def _nth(name: str, n: int) -> str:

@@ -13,7 +13,7 @@ from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.observed.observer import Observer, Pictures
 from taichi_plume.observed.quantities import MISSING
 from taichi_plume.observed.views import Layout, layout
-from taichi_plume.time_loop import TimeLoop
+from taichi_plume.time_loop import Every, TimeLoop
 
 CHUNK = 1 << 20  # bytes of a variable's chunk before compression
 LONGEST = 64  # pictures in a chunk
@@ -38,8 +38,14 @@ class PictureStore:
         }
         self.frames = dict.fromkeys(self.parts, 0)
         """Number of pictures of each part on the disk at the last flush."""
+        self.observer_of = observer
         observer.shown_by.append(self.show)
         self.open = False
+
+    def observer(self) -> Every:
+        """Return the observer of the time loop, of a store whose views have one rate."""
+        (every,) = self.observer_of.observers()
+        return every
 
     def start(self) -> None:
         disk.require_room(self.path)
@@ -67,7 +73,9 @@ class PictureStore:
         for part in self.parts.values():
             if part.count > part.written or part.group is None:
                 self._write(part)
-        for name in sorted(self.parts, reverse=True):  # the root last: it repeats the metadata of all parts
+        for name in sorted(
+            {*self.parts, ""}, reverse=True
+        ):  # the root last: it repeats the metadata of all parts
             zarr_groups.consolidate(self.path, name or None)
         self.frames = {name: part.count for name, part in self.parts.items()}
 

@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from taichi_plume.observed.planes import VOLUME, Lattice, Plane, Raster, planes
+from taichi_plume.observed.planes import VOLUME, Lattice, Plane, Raster, plane_of, planes
 from taichi_plume.observed.quantities import Quantity, quantities, wind
+from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.scenario.outputs import Output
 from taichi_plume.time_loop import TimeLoop
 
 if TYPE_CHECKING:
@@ -28,6 +30,8 @@ class View:
     plane: Plane
     rate: float
     stored: bool = True
+    output: str = ""
+    """Name of the view's own output; empty for views of the recording."""
 
     @property
     def name(self) -> str:
@@ -36,8 +40,8 @@ class View:
 
     @property
     def part(self) -> str:
-        """Group of the view in a store: "" for scalars, "wind" for vectors."""
-        return self.quantity.key if self.quantity.components else ""
+        """Group of the view in a store: that of its output; of the recording "" for scalars, "wind" for vectors."""
+        return self.output or (self.quantity.key if self.quantity.components else "")
 
 
 def views(sim: TimeLoop) -> list[View]:
@@ -51,6 +55,24 @@ def views(sim: TimeLoop) -> list[View]:
     of_air = wind(sim)
     with_arrows = [plane for plane in seen if plane.name == "slice" or plane.letters != "xy"]
     return [*found, *(View(of_air, plane, recording.wind_rate) for plane in with_arrows)]
+
+
+def output_views(sim: TimeLoop) -> list[View]:
+    """Return the views of the scenario's `outputs`. Raises ScenarioError if the run has no such quantity."""
+    return [output_view(sim, each, f"outputs[{n}]") for n, each in enumerate(sim.scenario.outputs)]
+
+
+def output_view(sim: TimeLoop, output: Output, where: str) -> View:
+    """Return the view of an output. where: key in messages. Raises ScenarioError if the run has no such quantity."""
+    known = {each.key: each for each in (*quantities(sim), wind(sim))}
+    if output.quantity not in known:
+        raise ScenarioError([f"{where}.quantity: got '{output.quantity}'; this run has {', '.join(known)}"])
+    quantity, plane = known[output.quantity], plane_of(output, sim.grid.extent)
+    if not quantity.on(plane) or (quantity.components and plane.over_height):
+        raise ScenarioError(
+            [f"{where}.plane: {quantity.key} has no maximum over the height; use xy, xz or yz"]
+        )
+    return View(quantity, plane, output.rate, output=output.name)
 
 
 def samples_of(view: View, sim: TimeLoop) -> Raster | Lattice:

@@ -30,7 +30,10 @@ class Pictures:
     """
 
     def __init__(self, stream: Stream, sim: TimeLoop, stage: Stage, observer: Observer):
-        self.stream, self.views = stream, [view for view in observer.views if not view.quantity.components]
+        self.stream, self.views = (
+            stream,
+            [view for view in recorded(observer) if not view.quantity.components],
+        )
         for view in self.views:
             sample = observer.samples[view.name]
             if view.plane == VOLUME:
@@ -58,6 +61,11 @@ class Pictures:
                 self.stream.picture(sim.t, _entity(view), drawing.rows(pixels))
 
 
+def recorded(observer: Observer) -> list[View]:
+    """Return the views of an observer that belong to the recording."""
+    return [view for view in observer.views if not view.output]
+
+
 def _entity(view: View) -> str:
     return f"{view.quantity.entity}/{view.plane.name}"
 
@@ -81,7 +89,7 @@ class Arrows:
 
     def __init__(self, stream: Stream, stage: Stage, observer: Observer):
         self.stream, self.stage, self.top = stream, stage, 0.0
-        self.views = [view for view in observer.views if view.quantity.components]
+        self.views = [view for view in recorded(observer) if view.quantity.components]
         self.planes = [view.plane for view in self.views]
         self.places, self.steps = [], []
         for view in self.views:

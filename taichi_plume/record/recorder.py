@@ -17,7 +17,7 @@ from taichi_plume.observed.observer import Observer
 from taichi_plume.observed.views import views
 from taichi_plume.record import layout, legends, scene, text_document
 from taichi_plume.record.map_pictures import BeliefPictures, MapPictures
-from taichi_plume.record.pictures import Arrows, Pictures
+from taichi_plume.record.pictures import Arrows, Pictures, recorded
 from taichi_plume.record.placement import Stage
 from taichi_plume.record.stream import Stream, mend
 from taichi_plume.record.tracks import Event, Tracks, recorded_robots
@@ -74,7 +74,7 @@ class Recorder:
         self.own_observers = [] if observer else self.observer.observers()
         seen = planes.planes(scenario, sim.grid.extent)
         shown = list(
-            dict.fromkeys(view.quantity for view in self.observer.views if not view.quantity.components)
+            dict.fromkeys(view.quantity for view in recorded(self.observer) if not view.quantity.components)
         )
         blueprint = layout.Layout(sim, layout.Shown(stage, robots, seen, shown, live is not None)).blueprint()
         self.stream = Stream(path, scenario.name, list(scenario.seeds.values()), blueprint, live)

@@ -172,6 +172,13 @@ class Run:
         """Wind [m/s] on a lattice of the recorded planes over time, such as `u_slice` and `v_slice`, read on use."""
         return pictures_file.read(self._path("pictures"), "wind")
 
+    def output(self, name: str) -> "xarray.Dataset":
+        """Return the pictures of one of the scenario's `outputs` over time, read on use."""
+        path = self._path("pictures")
+        if name not in (there := pictures_file.parts(path)):
+            raise RunFolderError(f"{path}: has no output '{name}', but {', '.join(there) or 'none'}")
+        return pictures_file.read(path, name)
+
     @cached_property
     def robots(self) -> "pandas.DataFrame":
         """Table with a row per robot and sampling time, up to the last data on the disk."""

@@ -68,6 +68,33 @@ class Recording(Model):
                 yield f"{where}.{key}: the first must be below the second, got {ends[0]:g} and {ends[1]:g}"
 
 
+class Output(Model):
+    """A view of the run that is written by itself: a group of pictures.zarr, or a file of `Simulation.write`."""
+
+    name: Annotated[str, Field(pattern="^[a-z][a-z0-9_]{0,30}$")] = "view"
+    """Name of the group."""
+    quantity: str = "gas"
+    """Shown quantity: gas (the sum), gas_0 and so on (a gas of several), temperature or wind."""
+    plane: Literal["xy", "xz", "yz", "column"] = "xy"
+    """Axes of the plane; column: from above, the maximum over the height."""
+    at: si.Distance | None = None
+    """Position of the plane on the third axis, in 3-D; unless given, in the middle of the room."""
+    rate: si.Frequency = 1.0
+    """Pictures per simulated second."""
+
+    def errors(self, where: str, context: Context) -> Iterator[str]:
+        extent = context.domain.extent
+        if len(extent) == 2 and (self.plane != "xy" or self.at is not None):
+            yield f"{where}: a 2-D room has the plane xy alone; leave out plane and at"
+        elif len(extent) == 3 and self.plane != "column" and self.at is not None:
+            axis = "xyz".index(next(letter for letter in "xyz" if letter not in self.plane))
+            if self.at > extent[axis]:
+                use = f"use 0 to {extent[axis]:g} m along {'xyz'[axis]}"
+                yield f"{where}.at: {self.at:g} m is outside the domain; {use}"
+        if self.name == "wind":
+            yield f"{where}.name: 'wind' is the group of the recorded wind; choose another name"
+
+
 class Checkpoint(Model):
     """Interval of checkpoints, from which a run can be resumed, in checkpoint.npz."""
 

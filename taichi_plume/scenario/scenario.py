@@ -20,7 +20,7 @@ from taichi_plume.scenario.heat import Buoyancy, Heat
 from taichi_plume.scenario.maps import Map
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.openings import Opening
-from taichi_plume.scenario.outputs import Checkpoint, Fields, Forces, PlumeLog, Recording
+from taichi_plume.scenario.outputs import Checkpoint, Fields, Forces, Output, PlumeLog, Recording
 from taichi_plume.scenario.policy import Policy
 from taichi_plume.scenario.probes import Probes
 from taichi_plume.scenario.robots import Group
@@ -108,6 +108,8 @@ class Scenario(Model):
     """Points at which wind, pressure, gas and temperature are written to probes.parquet; unless given, none."""
     fields: Fields | None = None
     """Whole wind and gas fields over time, in fields.zarr: to look at or to play back; unless given, none."""
+    outputs: tuple[Output, ...] = ()
+    """Views written besides the recording, each at its own rate, as groups of pictures.zarr."""
     plumesim_log: PlumeLog | None = None
     """Wind and gas as a log of PlumeSim, in plume.pslog; unless given, none is written."""
     task: Task = Task()

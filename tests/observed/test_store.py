@@ -74,7 +74,7 @@ def test_stored_values_are_those_of_the_solver(tmp_path):
     while not sim.finished:
         sim.step()
         (gas,) = sim.gas.gases
-        cells[round(sim.t, 6)] = gas.cells(sim.t) * gas.species.ppm_per_density
+        cells[round(sim.t, 6)] = np.asarray(gas.cells(sim.t)) * gas.species.ppm_per_density
     sim.observe(force=True)
     store.close()
     data = pictures_file.read(tmp_path / "pictures.zarr")
@@ -205,3 +205,41 @@ def test_a_new_quantity_is_one_function(tmp_path, monkeypatch):
         assert sim.plot(of="dose").axes[1].get_ylabel().startswith("dose [1]")
         here = sim.fields.dose.isel(z=3)
         np.testing.assert_allclose(here, (1 + here.x + 2 * here.y).transpose("y", "x"), rtol=1e-6)
+
+
+def test_a_view_is_written_at_a_rate_of_its_own(tmp_path):
+    """Two ways to ask for the same: a key of the scenario and `write`; both equal the solver's layer of cells."""
+    side = {"quantity": "gas", "plane": "yz", "at": 0.6875}  # at the middle of cells
+    outputs = [side | {"name": "side", "rate": 2}, {"name": "air", "quantity": "wind", "rate": 1}]
+    run = tp.simulate(ROOM | {"outputs": outputs}, out=tmp_path / "run", progress=False)
+    with tp.Simulation(ROOM) as sim:
+        sim.write(tmp_path / "side.zarr", 0.5, view=side)
+        sim.run()
+        (gas,) = sim.loop.gas.gases
+        layer = (np.asarray(gas.cells(sim.t)) * gas.species.ppm_per_density)[5]
+        solid = sim.loop.air.solid[5]
+    found, written = run.output("side"), pictures_file.read(tmp_path / "side.zarr")
+    xarray.testing.assert_equal(found.gas_side, written.gas_view.rename("gas_side"))
+    assert found.time.values == pytest.approx([0, 0.5, 1, 1.5, 2])
+    about = found.gas_side.attrs
+    values = found.gas_side[-1].transpose("y", "z").values
+    precision = {"rtol": about["relative_precision"] + 1e-5, "atol": about["absolute_precision"]}
+    np.testing.assert_allclose(values[~solid], layer[~solid], **precision)
+    assert {"u_air", "v_air", "w_air"} <= set(run.output("air"))
+    assert "gas_side" not in run.pictures
+    with pytest.raises(RunFolderError, match="no output 'top', but air, side, wind"):
+        run.output("top")
+
+
+@pytest.mark.parametrize(
+    ("output", "words"),
+    [
+        ({"quantity": "smoke"}, r"outputs\[0\].quantity: got 'smoke'; this run has gas, wind"),
+        ({"quantity": "wind", "plane": "column"}, r"outputs\[0\].plane: wind"),
+        ({"plane": "yz", "at": 3}, r"outputs\[0\].at: 3 m .* 0 to 2 m"),
+        ({"name": "wind"}, r"outputs\[0\].name: 'wind'"),
+    ],
+)
+def test_a_view_that_cannot_be_is_refused_in_a_line(tmp_path, output, words):
+    with pytest.raises(tp.InputError, match=words):
+        tp.simulate(ROOM | {"outputs": [output]}, out=tmp_path / "run", progress=False)
