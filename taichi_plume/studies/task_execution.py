@@ -138,14 +138,8 @@ def _run_with_files(prepared: Prepared, sim: TimeLoop, task: Task, request: Requ
         files |= {*run_folder.FILES} if "report.html" in keep else set()
         run_folder.write_scenario(folder, sim.scenario, task.folder.resolve(), PROCESS.backend, final)
         inputs = input_paths(sim.scenario, task.folder / "base.yaml", prepared.resources.files)[1:]
-        about = About(
-            folder,
-            "cpu",
-            PROCESS.backend,
-            bool({"recording.rrd", "pictures.zarr"} & files),
-            inputs,
-            files=files,
-        )
+        recorded = bool({"recording.rrd", "pictures.zarr"} & files)
+        about = About(folder, "cpu", PROCESS.backend, recorded, inputs, files=files)
         outputs = Outputs(sim, about, SignalRequests())
         try:
             outputs.start()
