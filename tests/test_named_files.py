@@ -104,7 +104,7 @@ def test_named_files_exist():
 @pytest.mark.parametrize(
     ("text", "fault"),
     [
-        ("a sweep as of `recording_reader.RecordedPictures`", None),
+        ("pictures as of `store.PictureStore`", None),
         ("methods of `reading.RecordedPictures`", "reading.py has no RecordedPictures"),
         ("see grid/state.py and `reward` in envs/step_kernel.py", None),
         ("see solvers/nowhere.py", "solvers/nowhere.py does not exist"),

@@ -210,15 +210,15 @@ def _gas(key: str, which: list[int], sim: TimeLoop) -> Quantity:
         return fields.excess_at(sim.gas, where, sim.t)[..., which].sum(axis=-1)
 
     background = float(sum(sim.gas.background[n] for n in which))
-    one = species[0].name if len(which) == 1 else ""
-    meaning = f"mole fraction of {one} at 25 degrees and 1 atm" if one else ""
-    meaning += f", above the background of {background:g} ppm" if one and background else ""
+    vapour = species[0].name if len(which) == 1 else ""
+    meaning = f"mole fraction of {vapour} at 25 degrees and 1 atm" if vapour else ""
+    meaning += f", above the background of {background:g} ppm" if vapour and background else ""
     return Quantity(
-        key, " + ".join(vapour.name for vapour in species) + ABOVE * bool(background), "ppm", Scale(low, high, "log"),
+        key, " + ".join(each.name for each in species) + ABOVE * bool(background), "ppm", Scale(low, high, "log"),
         "inferno", cells, points if any(gas.finer_than_cells for gas in parts) else None,
         Rounded(7, 16.0, FINEST * low), max(gas.details for gas in parts), has_volume=key == "gas",
-        in_cells=f"{one}_ppm" if one else "", meaning=meaning,
-        attributes=({BACKGROUND: background} if background else {}) | ({"species": one} if one else {}),
+        in_cells=f"{vapour}_ppm" if vapour else "", meaning=meaning,
+        attributes=({BACKGROUND: background} if background else {}) | ({"species": vapour} if vapour else {}),
     )  # fmt: skip
 
 

@@ -177,11 +177,11 @@ class _Part:
         self.count = self.written = count
         for name, array in self.arrays.items():
             begin = first if name in self.values else 0
-            kept = array[begin:count]
+            values = array[begin:count]
             array.resize((begin, *array.shape[1:]))  # also removes later chunks
             array.resize((count, *array.shape[1:]))
-            array[begin:count] = kept
+            array[begin:count] = values
             if name in self.values:
-                self.values[name] = list(kept)
+                self.values[name] = list(values)
             else:
-                self.times = kept[first:].tolist()
+                self.times = values[first:].tolist()
