@@ -24,7 +24,6 @@ import io
 import json
 import os
 import re
-import runpy
 import shlex
 import subprocess
 import sys
@@ -37,6 +36,7 @@ import pytest
 import yaml
 
 import taichi_plume
+from taichi_plume.__main__ import main
 from taichi_plume.assembly.preparation import load
 from taichi_plume.scenario.keys import all_keys
 from taichi_plume.scenario.loading import ScenarioError
@@ -315,9 +315,8 @@ def help_of(module: str) -> str:
     """Return the help of a command."""
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()) as shown:
         patch.setenv("COLUMNS", "200")
-        patch.setattr(sys, "argv", [module, "--help"])
         with pytest.raises(SystemExit) as ended:
-            runpy.run_module(f"taichi_plume.{module}", run_name="__main__")
+            main([module, "--help"])
     assert not ended.value.code
     return shown.getvalue()
 

@@ -27,7 +27,7 @@ FIXED = ("scenario", "out", "seed", "duration", "overrides", "check", "force", "
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit code."""
     parser = parser_of("run", run, simulate)
-    given = vars(parser.parse_args(argv))
+    given = {name: value for name, value in vars(parser.parse_args(argv)).items() if value is not None}
     if "resume" not in given and "scenario" not in given:
         parser.error("the following arguments are required: scenario")
     if "live" in given and "recording" in given:

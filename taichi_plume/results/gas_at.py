@@ -54,6 +54,8 @@ def _of_fields(run: "Run") -> "xr.Dataset":
         raise InputError(
             f"{run.folder}: its fields have no gas; add gas to `fields.quantities` in the scenario"
         )
+    if fields.air.ndim != run.scenario.domain.dim:
+        raise InputError(f"{run.folder}: its fields have {fields.air.ndim} axes, its scenario another number")
     data = fields[[*names, "air"]].copy()
     for name in names:
         data[name].attrs |= {
