@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 DEFAULT = {
     "vtkhdf": "fields.vtkhdf", "netcdf": "fields.nc", "csv": "", "mcap": "bag", "gaden": "gaden",
-    "plumesim": "network.pslog",
+    "plumesim": "network.pslog", "pictures": "pictures.zarr",
 }  # fmt: skip
 """Formats, and the names of their files in the run's folder."""
 SOURCES = {"film": "netcdf", "recording": "netcdf", "probes": "plumesim", "robots": "plumesim"}
@@ -40,11 +40,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _export(args: Namespace, out: Path) -> int:
     from taichi_plume.results.export import export, export_log
     from taichi_plume.results.network_log import Choice
-    from taichi_plume.results.run import open_run
+    from taichi_plume.results.run import Run, open_run
 
     if args.out is None and out != args.run and out.is_symlink():
         raise InputError(f"{out}: is a link, to which nothing is written; choose --out")
-    run = open_run(args.run)
+    run = Run(args.run, lenient=True) if args.to == "pictures" else open_run(args.run)
     if args.to == "mcap":
         files = _bag(run, args, out)
     elif args.to == "plumesim":
@@ -52,7 +52,8 @@ def _export(args: Namespace, out: Path) -> int:
     else:
         files = export(run, args.to, out, args.source, args.force)
     for file in files:
-        say(f"{file}: {file.stat().st_size / 1e6:,.3g} MB")
+        size = sum(part.stat().st_size for part in (file, *file.rglob("*")) if part.is_file())
+        say(f"{file}: {size / 1e6:,.3g} MB")
     return 0
 
 
@@ -79,7 +80,8 @@ def _arguments(argv: Sequence[str] | None) -> Namespace:
     add(parser, "run")
     formats = (
         "vtkhdf: the film for ParaView and pyvista; netcdf: fields after CF; csv: the tables; "
-        "mcap: a bag of ROS 2; gaden: the film for GADEN's player; plumesim: a log of probes, or of robots that stand"
+        "mcap: a bag of ROS 2; gaden: the film for GADEN's player; plumesim: a log of probes, or of robots that stand; "
+        "pictures: numbers from the colours in recording.rrd of an earlier version"
     )
     parser.add_argument("--to", required=True, choices=tuple(DEFAULT), help=formats)
     what = "the file, of csv, mcap and gaden a folder (default: in the run's folder)"

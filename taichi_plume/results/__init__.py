@@ -6,6 +6,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "files",
     "grid",
     "guard",
+    "observed",
     "record",
     "report.html",
     "report.notebook",  # these parts of `report` only when a run or a map is drawn

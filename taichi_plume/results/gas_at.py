@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichi_plume.files import pictures_file
 from taichi_plume.files.film import BACKGROUND
 from taichi_plume.guard.input_error import InputError
+from taichi_plume.results.pictures import require_pictures
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -68,8 +68,7 @@ def _of_pictures(run: "Run", place: list[float]) -> "xr.Dataset":
     """Return the pictures of each gas on the first recorded plane through a position."""
     import xarray as xr
 
-    if not run.has(pictures_file.NAME):
-        run.require(pictures_file.NAME)
+    require_pictures(run)
     spacing, found = run.scenario.domain.spacing, {}
     for values in run.pictures.data_vars.values():
         about = values.attrs

@@ -62,7 +62,7 @@ FILES = {
 """Names of the file of each part, the preferred name first."""
 REMEDIES = {
     "fields": "`fields: {rate: 2}` in the scenario records fields; .pictures has planes of a recording",
-    "pictures": "run without --no-recording",
+    "pictures": "run without --no-recording; `export RUN --to pictures` converts recordings of earlier versions",
     "robots": "the scenario has no robots",
     "probes": "run with `probes: {points: [{kind: point, name: a, at: [1, 2]}]}` in the scenario",
     "forces": "this run computes no forces; a wind of kind cfd with obstacles does",
