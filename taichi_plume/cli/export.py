@@ -87,7 +87,7 @@ def _arguments(argv: Sequence[str] | None) -> Namespace:
     what = "the file, of csv, mcap and gaden a folder (default: in the run's folder)"
     add(parser, "--out", metavar="OUT", help=what)
     what = (
-        "source of netcdf (default: the film, else the decoded colours of the recording), "
+        "source of netcdf (default: the film, else the pictures of the recording), "
         "or of plumesim (default: the probes, else the robots)"
     )
     parser.add_argument("--from", dest="source", choices=tuple(SOURCES), help=what)

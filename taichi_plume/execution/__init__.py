@@ -7,6 +7,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "files",
     "grid",
     "guard",
+    "observed",
     "record",
     "report",
     "results",

@@ -45,11 +45,8 @@ def export(run: Run, to: str, out: Path, source: str | None = None, force: bool 
         raise RunFolderError(f"{run.folder}: pictures of a recording go to netcdf; vtkhdf takes a film")
     if to == "vtkhdf" or source == "film":
         run.require("fields.zarr")
-    if source == "recording":
-        run.require("recording.rrd")
-        data = run.pictures
-    else:
-        data = run.fields if run.has("fields.zarr") or to == "vtkhdf" else run.pictures
+    filmed = source != "recording" and (run.has("fields.zarr") or to == "vtkhdf")
+    data = run.fields if filmed else run.pictures
     _require_frames(run, data)
     from taichi_plume.files import netcdf, vtkhdf
 

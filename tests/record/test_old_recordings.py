@@ -79,7 +79,7 @@ def room(tmp_path_factory) -> Path:
         "temperature/slice": warm,
     }
     folder = old_run(tmp_path_factory.mktemp("old") / "room", planes)
-    with pytest.raises(RunFolderError, match="export .* --to pictures"):
+    with pytest.raises(RunFolderError, match=r"export .* --to pictures"):
         open_run(folder).plot()
     assert export.main([str(folder), "--to", "pictures"]) == 0
     return folder
