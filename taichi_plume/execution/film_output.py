@@ -21,7 +21,10 @@ from taichi_plume.version import __version__
 
 
 class Filming:
-    """Writer of the film (recorded wind, gas and further quantities such as temperature) of a run. Raises OSError as soon as the disk is full."""
+    """Writer of the film (recorded wind, gas and further quantities such as temperature) of a run.
+
+    Raises OSError as soon as the disk is full.
+    """
 
     STATE = ("frames",)
 

@@ -48,8 +48,8 @@ class NewFilm:
     shape: cells per axis (x, y, z); dx: cell edge [m]; attributes: of the group; moving: names of the variables of a
     frame; still: variables without time; species: of the gases among `moving`. resume_at: resume the existing film
     after this number of frames; raises FilmError if the film has fewer. background: of species in clean air [ppm], by
-    name, which the gases do not contain. further: attributes, with units and long_name, of variables among `moving` that
-    are neither gas nor wind.
+    name, which the gases do not contain. further: attributes, with units and long_name, of variables among `moving`
+    that are neither gas nor wind.
     """
 
     def __init__(

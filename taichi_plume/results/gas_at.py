@@ -6,7 +6,7 @@ import numpy as np
 
 from taichi_plume.files.film import BACKGROUND
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.results.pictures import require_pictures
+from taichi_plume.results.pictures import renamed, require_pictures
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -81,12 +81,7 @@ def _of_pictures(run: "Run", place: list[float]) -> "xr.Dataset":
             f"{run.folder}: no recorded plane goes through {tuple(place)} m; `fields: {{rate: 2}}` in the scenario "
             "records all cells"
         )
-    return xr.Dataset({name: _renamed(values) for name, values in found.items()})
-
-
-def _renamed(values: "xr.DataArray") -> "xr.DataArray":
-    """Return a picture whose axes have the names x, y and z."""
-    return values.rename({dim: dim[0] for dim in map(str, values.dims) if dim != "time" and len(dim) > 1})
+    return xr.Dataset({name: renamed(values) for name, values in found.items()})
 
 
 def _linear(values: "xr.DataArray", at: dict[str, float], air: "xr.DataArray | None") -> "xr.DataArray":

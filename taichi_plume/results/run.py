@@ -156,7 +156,7 @@ class Run:
     @cached_property
     def fields(self) -> "xarray.Dataset":
         """Film of the run as a dataset: wind, gas and temperature at the cell centres over time."""
-        return _film(self._path("fields"))
+        return film_dataset(self._path("fields"))
 
     @cached_property
     def pictures(self) -> "xarray.Dataset":
@@ -357,7 +357,7 @@ def _damage(path: Path) -> Iterator[None]:
         raise RunFolderError(f"{path}: is damaged: {plain(' '.join(str(error).split()))}") from None
 
 
-def _film(path: Path) -> "xarray.Dataset":
+def film_dataset(path: Path) -> "xarray.Dataset":
     """Return the variables of a film (recorded wind and gas) at the cell centres. Raises RunFolderError if damaged."""
     from taichi_plume.files import zarr_groups
     from taichi_plume.files.film import Film
