@@ -34,7 +34,7 @@ def statistics(
 ) -> Statistics:
     """Compute statistics of a plume: mean and rms, intermittency, whiffs and blanks, spectra, and what sensors detect.
 
-    source: a run with `probes` or `fields`, its folder, or a film. gas: species, by default the first. probe: name of
+    source: a run with `probes`, `fields` or pictures, its folder, or a film. gas: species, by default the first. probe: name of
     the only probe to use. threshold: concentration above which there is gas [ppm], by default a tenth of the mean at
     the point with the most gas. start: samples before this simulated time are left out [s]. bounds: durations between
     which the power laws are fitted [s]. sensors: further gas sensors, as in a scenario:

@@ -5,7 +5,6 @@ than the frames are not resolved.
 """
 
 import json
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -77,7 +76,9 @@ class FilmRecord:
             frame = {name: self._values(name, n) for name in names}
             for name, values in frame.items():
                 if not np.isfinite(values if self.air is None else values[self.air]).all():
-                    raise RunFolderError(f"{self.path}: frame {n} of {name} is damaged: not all values are finite")
+                    raise RunFolderError(
+                        f"{self.path}: frame {n} of {name} is damaged: not all values are finite"
+                    )
             yield frame
 
     def _scan(self) -> None:
@@ -148,9 +149,7 @@ class FilmRecord:
     def _line(self, name: str, axis: int, where: list) -> Probe:
         """Return the longest obstacle-free part of the row of cells along an axis through cell `where`, as a probe."""
         first = len(self._cells)
-        row = [
-            (*map(int, where[:axis]), n, *map(int, where[axis + 1 :])) for n in range(self.shape[axis])
-        ]
+        row = [(*map(int, where[:axis]), n, *map(int, where[axis + 1 :])) for n in range(self.shape[axis])]
         air = np.array([self.air is None or bool(self.air[cell]) for cell in row])
         cuts = stretches(air)
         free = max(range(len(cuts) - 1), key=lambda k: (cuts[k + 1] - cuts[k]) * air[cuts[k]])

@@ -127,8 +127,7 @@ def test_planes_with_other_pixels_have_other_axes(room):
 def test_gas_at_a_position_is_read_from_the_plane_through_it(room):
     run = open_run(room)
     gas = run.gas_at(2.35, 1.15, 0.3)["ethanol_ppm"]
-    n = np.arange(len(TIMES))
-    expected = concentration(np.array([pixels(k)[PEAK] for k in n]))
+    expected = concentration(np.array([pixels(k)[PEAK] for k in range(len(TIMES))]))
     np.testing.assert_allclose(gas, expected, rtol=1e-5)
     assert gas.attrs["relative_precision"] == pytest.approx(np.log(HIGH / LOW) / 510, rel=0.02)
 
