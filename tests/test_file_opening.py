@@ -51,6 +51,7 @@ CHECKED = {
     "record/stream.py: take_over": "`RunFolder.again` has refused links and irregular files",
     "files/hdf5_arrays.py: _layout": "`open_array` has opened the path",
     "files/hdf5_arrays.py: open_hdf5": "`open_array` has opened the path",
+    "record/old_recordings.py: _chunks": "`unopenable` has accepted the path",
     "files/zarr_groups.py: __init__": "`irregular` has accepted the folder",
     "files/zarr_groups.py: opened": "this process has created the group",
     "files/zarr_groups.py: open_dataset": "`Group` has opened the folder",

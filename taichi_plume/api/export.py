@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 NAMES = {
     "vtkhdf": "fields.vtkhdf", "netcdf": "fields.nc", "csv": "", "mcap": "bag", "gaden": "gaden",
-    "plumesim": "network.pslog",
+    "plumesim": "network.pslog", "pictures": "pictures.zarr",
 }  # fmt: skip
 """Formats, and the names of their files in the run's folder."""
 SOURCES = {"film": "netcdf", "recording": "netcdf", "probes": "plumesim", "robots": "plumesim"}
@@ -20,7 +20,7 @@ ONLY = {
 def export(
     run: str | Path,
     *,
-    to: Literal["vtkhdf", "netcdf", "csv", "mcap", "gaden", "plumesim"],
+    to: Literal["vtkhdf", "netcdf", "csv", "mcap", "gaden", "plumesim", "pictures"],
     out: str | Path | None = None,
     source: Annotated[Literal["film", "recording", "probes", "robots"] | None, "--from"] = None,
     trial: Annotated[int | None, "N"] = None,
@@ -35,10 +35,11 @@ def export(
     """Write a run's data for other programs. Return the files.
 
     run: the run's folder. to: vtkhdf: the film for ParaView and pyvista; netcdf: fields after CF; csv: the tables;
-    mcap: a bag of ROS 2; gaden: the film for GADEN's player; plumesim: a log of probes, or of robots that stand. out:
-    the file, of csv, mcap and gaden a folder; by default in the run's folder. source: of netcdf, by default the film,
-    else the decoded colours of the recording; or of plumesim, by default the probes, else the robots. trial: number of
-    the trial of mcap, plumesim, by default 0. force: replace what is there.
+    mcap: a bag of ROS 2; gaden: the film for GADEN's player; plumesim: a log of probes, or of robots that stand;
+    pictures: numbers from the colours in recording.rrd of an earlier version. out: the file, of csv, mcap and gaden a
+    folder; by default in the run's folder. source: of netcdf, by default the film, else the pictures of the recording;
+    or of plumesim, by default the probes, else the robots. trial: number of the trial of mcap, plumesim, by default 0.
+    force: replace what is there.
 
     begin: ROS time of a bag's start, such as a Unix time, by default 0. points: most points in a bag's cloud of gas, by
     default 20000; more cells are averaged in blocks. least: less gas is no point of a bag's cloud, by default 0.1.
@@ -56,7 +57,7 @@ def export(
     from taichi_plume.guard.safe_open import as_path
     from taichi_plume.results import network_log
     from taichi_plume.results.export import export, export_log
-    from taichi_plume.results.run import open_run
+    from taichi_plume.results.run import Run, open_run
     from taichi_plume.scenario.loading import load_part
 
     from_zero = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
@@ -81,7 +82,7 @@ def export(
     path = folder / NAMES[to] if out is None else as_path(out, "out")
     if out is None and path != folder and path.is_symlink():
         raise InputError(f"{path}: is a link, to which nothing is written; choose --out")
-    opened = open_run(folder)
+    opened = Run(folder, lenient=True) if to == "pictures" else open_run(folder)
     if to == "mcap":
         if find_spec("rosbags") is None:
             raise InputError('bags need rosbags: pip install "taichi_plume[ros]"')

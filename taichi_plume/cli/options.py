@@ -79,7 +79,9 @@ def add_options(parser: _ActionsContainer, call: Call, leave_out: Collection[str
             else:
                 if parameter.default is not parameter.empty:
                     keywords["nargs"] = "*" if keywords.pop("action", None) else "?"
-                    if keywords["nargs"] == "?":  # argparse would read SUPPRESS as a value of the option's type
+                    if (
+                        keywords["nargs"] == "?"
+                    ):  # argparse would read SUPPRESS as a value of the option's type
                         keywords["default"] = parameter.default
                 parser.add_argument(name, **keywords)
 

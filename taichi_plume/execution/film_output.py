@@ -11,6 +11,7 @@ from taichi_plume.files import disk
 from taichi_plume.files.film import GAS, VELOCITIES
 from taichi_plume.files.film_writer import NewFilm
 from taichi_plume.grid.fields import Carrier, concentration_at
+from taichi_plume.observed.quantities import Quantity, quantities
 from taichi_plume.scenario.outputs import Fields
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.sources import Source
@@ -20,7 +21,10 @@ from taichi_plume.version import __version__
 
 
 class Filming:
-    """Writer of the film (recorded wind, gas, temperature) of a run. Raises OSError as soon as the disk is full."""
+    """Writer of the film (recorded wind, gas and further quantities such as temperature) of a run.
+
+    Raises OSError as soon as the disk is full.
+    """
 
     STATE = ("frames",)
 
@@ -59,8 +63,8 @@ class Filming:
         if "gas" in model.quantities:
             moving += [f"{GAS}{species.name}" for species in sim.gas.species]
             attributes["gases"] = _origins(scenario)
-        self.heat = sim.wind.heat if "temperature" in model.quantities else None
-        moving += ["temperature"] if self.heat is not None else []
+        self.further = further(sim) if "temperature" in model.quantities else []
+        moving += [quantity.in_cells for quantity in self.further]
         self.frames, self.closing = 0, ExitStack()
         species = sim.gas.species if "gas" in model.quantities else ()
         self._new: Callable[..., NewFilm] = partial(
@@ -73,6 +77,10 @@ class Filming:
             still,
             species,
             background=scenario.backgrounds,
+            further={
+                each.in_cells: {"units": each.unit, "long_name": each.meaning or each.name, **each.attributes}
+                for each in self.further
+            },
         )
 
     def start(self) -> None:
@@ -91,14 +99,14 @@ class Filming:
         return Every(1 / self.model.rate, self.shoot, warm_up=True)
 
     def shoot(self, sim: TimeLoop) -> None:
-        """Append a frame with the present wind, gas and temperature; do nothing before the film's start time."""
+        """Append a frame with the present wind, gas and further quantities; do nothing before the film's start time."""
         if sim.t < self.model.start - 1e-9 * sim.dt:
             return
         frame = self._wind(sim, self.wind) if self.wind is not None else {}
         if "gas" in self.model.quantities:
             frame |= self._gas(sim)
-        if self.heat is not None:
-            frame["temperature"] = sim.grid.read(self.heat.theta).T + np.float32(self.heat.reference)
+        for quantity in self.further:
+            frame[quantity.in_cells] = quantity.everywhere(sim, sim.grid.centers).T
         disk.require_room(self.path, sum(values.nbytes for values in frame.values()))
         self.film.append(sim.t, frame)
 
@@ -128,6 +136,11 @@ class Filming:
         if wind.nu is not None:  # zero before the first step
             frame["viscosity"] = np.maximum(grid.read(wind.nu, 1), np.float32(wind.viscosity)).T
         return frame
+
+
+def further(sim: TimeLoop) -> list[Quantity]:
+    """Return the quantities that a film holds besides wind and gas, such as the temperature of the air."""
+    return [each for each in quantities(sim) if each.in_cells and "species" not in each.attributes]
 
 
 def _origins(scenario: Scenario) -> Json:

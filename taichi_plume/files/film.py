@@ -6,7 +6,7 @@ At the cell centres, to look at:
 
     u, v, w     [m/s]    air velocity
     NAME_ppm    [ppm]    mole fraction of a species (at 25 °C and 1 atm)
-    temperature [K]      if the run solves for temperature
+    temperature [K]      if the run solves for temperature; likewise further quantities of `observed.quantities`
     gas_NAME    [kg/m³]  concentration of a species, as NAME_ppm above its background, which is their attribute
                 `background_ppm` [ppm]
     air         volume fraction of the cell that holds gas, 0 in obstacles: the sum of gas_NAME * air * cell_volume is

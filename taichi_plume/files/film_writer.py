@@ -25,7 +25,6 @@ NAMED = {  # standard names of CF, version 93
 MEANING: Known = {
     "time": ("s", "simulated time since the robots start", "time"),
     "viscosity": ("m2 s-1", "molecular and eddy viscosity of the air", None),
-    "temperature": ("K", "temperature of the air", "air_temperature"),
     "air": ("1", "volume fraction of the cell that holds gas, 0 in obstacles", None),
     "volume": ("1", "volume fraction of the cell that is air", None),
 }
@@ -49,7 +48,8 @@ class NewFilm:
     shape: cells per axis (x, y, z); dx: cell edge [m]; attributes: of the group; moving: names of the variables of a
     frame; still: variables without time; species: of the gases among `moving`. resume_at: resume the existing film
     after this number of frames; raises FilmError if the film has fewer. background: of species in clean air [ppm], by
-    name, which the gases do not contain.
+    name, which the gases do not contain. further: attributes, with units and long_name, of variables among `moving`
+    that are neither gas nor wind.
     """
 
     def __init__(
@@ -63,6 +63,7 @@ class NewFilm:
         species: "Sequence[Species]",
         resume_at: int | None = None,
         background: Mapping[str, float] | None = None,
+        further: Mapping[str, Mapping[str, object]] | None = None,
     ):
         self.path, self.dim = path, len(shape)
         self.ppm = {f"{GAS}{gas.name}": (f"{gas.name}_ppm", gas.ppm_per_density) for gas in species}
@@ -78,6 +79,7 @@ class NewFilm:
         self.group = zarr_groups.create(path, facts)
         self.frames = 0
         self.backgrounds: dict[str, dict[str, float]] = {}
+        self.further = further or {}
         known = dict(MEANING)
         for gas in species:
             mass, share = NAMED.get(gas.name, (None, None))
@@ -129,9 +131,8 @@ class NewFilm:
         chunks: tuple[int, ...] | None,
         known: Known,
     ) -> Array:
-        return zarr_groups.add(
-            self.group, name, dims, values, _facts(name, known) | self.backgrounds.get(name, {}), chunks
-        )
+        about = self.further.get(name) or _facts(name, known) | self.backgrounds.get(name, {})
+        return zarr_groups.add(self.group, name, dims, values, about, chunks)
 
     def append(self, t: float, frame: Mapping[str, np.ndarray]) -> None:
         """Append a frame at time t [s]; frame: array of every time-dependent variable, by name."""

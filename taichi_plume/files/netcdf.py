@@ -1,4 +1,4 @@
-"""Writer of NetCDF-4 files with CF metadata for the fields of a film or recording, by h5netcdf."""
+"""Writer of NetCDF-4 files with CF metadata for the fields of a film or the pictures of a run, by h5netcdf."""
 
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -17,7 +17,8 @@ Reading = Callable[[str, int], np.ndarray]
 def write(fresh: Path, data: "xarray.Dataset", read: Reading) -> Iterator[int]:
     """Write a dataset to a NetCDF-4 file frame by frame; yields the number of bytes before each frame.
 
-    data: variables with time as first dimension; read: returns their values. Raises OSError.
+    data: variables with time as first dimension; read: returns their values. Numbers over time are float32, NaN if
+    missing. Raises OSError.
     """
     import h5netcdf
 
@@ -28,7 +29,10 @@ def write(fresh: Path, data: "xarray.Dataset", read: Reading) -> Iterator[int]:
         for name, variable in ((str(name), variable) for name, variable in data.variables.items()):
             frames = variable.dims[:1] == ("time",) and variable.ndim > 1
             options: dict[str, Any] = PACKED | {"chunks": (1, *variable.shape[1:])} if frames else {}
-            array = file.create_variable(name, variable.dims, variable.dtype, **options)
+            kind = np.dtype(np.float32) if frames and variable.dtype.kind == "f" else variable.dtype
+            if frames and kind.kind == "f":
+                options["fillvalue"] = np.float32(np.nan)
+            array = file.create_variable(name, variable.dims, kind, **options)
             array.attrs.update(_plain(variable.attrs))
             if frames:
                 moving[name] = array

@@ -1,4 +1,4 @@
-"""Compute plume statistics from the probes of a run, the film of a run, or a film alone."""
+"""Compute plume statistics from the probes, the film or the pictures of a run, or from a film alone."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from taichi_plume.files import pictures_file
 from taichi_plume.files.run_folder import RunFolderError, is_run
 from taichi_plume.fluctuations import bouts, sensor_comparison, spectra
 from taichi_plume.fluctuations.analysis import OfProbe, Settings, distances, of_probe
@@ -14,7 +15,8 @@ from taichi_plume.fluctuations.records import Probe, ProbeRecord, chosen_gas
 from taichi_plume.fluctuations.result import Statistics
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import unopenable
-from taichi_plume.results.run import Run
+from taichi_plume.results.pictures import gas_slices
+from taichi_plume.results.run import Run, film_dataset
 from taichi_plume.scenario.domain import Located
 from taichi_plume.scenario.sensors import GasSensor, MoxSensor
 
@@ -53,7 +55,7 @@ def statistics_of(
         raise RunFolderError(f"{path}: {fault}; give the folder of a run, or a film")
     if not is_run(path):
         if (path / "zarr.json").exists():
-            return _of_film(path, path.stem, options)
+            return _of_film(FilmRecord(path, film_dataset(path), gas, start), path.stem, options)
         raise RunFolderError(f"{path}: is neither the folder of a run nor a film")
     run = Run(path)
     status = str(run.result.get("status", "unknown"))
@@ -63,23 +65,25 @@ def statistics_of(
     table, film = path / "probes.parquet", path / "fields.zarr"
     if (path / "probes.arrows").exists():
         raise RunFolderError(f"{path}: was killed; {repair} completes its files")
+    every = [source for _, part in run.scenario.gases for source in part.sources]
+    positions = [source.position for source in every if isinstance(source, Located)]
+    sources = np.array(positions, float) if positions else None
     if table.exists():
-        every = [source for _, part in run.scenario.gases for source in part.sources]
-        positions = [source.position for source in every if isinstance(source, Located)]
-        sources = np.array(positions, float) if positions else None
         found = _of_probes(table, run.scenario.name, options, sources, sensors)
         found.source = path
         if film.is_dir():
             try:
-                found.film = FilmRecord(film, found.gas, start)
+                found.film = FilmRecord(film, film_dataset(film), found.gas, start)
                 found.gamma = found.film.intermittency(found.threshold)
             except InputError as error:
                 found.notes.append(f"No maps: {error}.")
     elif film.is_dir():
-        found = _of_film(film, run.scenario.name, options)
+        found = _of_film(FilmRecord(film, film_dataset(film), gas, start), run.scenario.name, options)
+    elif run.has(pictures_file.NAME):
+        found = _of_pictures(run, options, sources)
     else:
         raise RunFolderError(
-            f"{path}: has neither probes.parquet nor fields.zarr; run with `probes: {{every: step, points: "
+            f"{path}: has neither probes.parquet nor fields.zarr nor {pictures_file.NAME}; run with `probes: {{every: step, points: "
             "[{kind: point, name: a, at: [1, 2]}]}` or `fields: {rate: 10}`"
         )
     if status not in ("completed", "stopped"):
@@ -105,16 +109,31 @@ def _of_probes(
     return found
 
 
-def _of_film(path: Path, name: str, options: Options) -> Statistics:
-    film = FilmRecord(path, options.gas, options.start)
+def _of_pictures(run: Run, options: Options, sources: np.ndarray | None) -> Statistics:
+    """Return the statistics of the gas in the first horizontal plane of a run's pictures, without the warm-up."""
+    data, path = gas_slices(run, options.gas), run.folder / pictures_file.NAME
+    record = FilmRecord(path, data, options.gas, 0.0 if options.start is None else options.start, sources)
+    found = _of_film(record, run.scenario.name, options, "pictures")
+    about = data[f"{found.gas}_ppm"].attrs
+    where = f" {about['plane']}" if about["plane"] else ""
+    pixels = "; a pixel is the largest value of several cells" if "cell_methods" in about else ""
+    found.notes.append(
+        f"Statistics are those of pictures{where}, precise to {100 * about['relative_precision']:.2g} percent and "
+        f"{about['absolute_precision']:.2g} ppm, at most {about['largest_value']:.3g} ppm{pixels}."
+    )
+    return found
+
+
+def _of_film(film: FilmRecord, name: str, options: Options, kind: str = "film") -> Statistics:
+    path = film.path
     level, why = _threshold(float(np.nanmax(film.mean)), options.threshold)
     gamma = film.intermittency(level)
     settings = Settings(film.gas, level, film.wind, film.sources, options.bounds)
     probes = [of_probe(film, probe, settings) for probe in _chosen(path, film.probes, options.probe)]
-    found = _statistics(path, name, "film", film, settings, why, probes)
+    found = _statistics(path, name, kind, film, settings, why, probes)
     found.film, found.gamma = film, gamma
     found.notes.append(
-        f"A film has no data between its frames, {np.median(np.diff(film.times)):.3g} s apart: shorter whiffs are "
+        f"There are no data between the frames, {np.median(np.diff(film.times)):.3g} s apart: shorter whiffs are "
         "missed or joined. Use probes to resolve them."
     )
     return found

@@ -237,5 +237,6 @@ def _temperature(sim: TimeLoop, heat: Heat) -> Quantity:
         given = (middle - half, middle + half)
     return Quantity(
         "temperature", "temperature", "K", Scale(*given, "linear"), "turbo", cells, None,
-        Stepped(0.01, float(reference)), has_column=False, in_cells="temperature",
+        Stepped(0.01, float(reference)), has_column=False, in_cells="temperature", meaning="temperature of the air",
+        attributes={"standard_name": "air_temperature"},
     )  # fmt: skip

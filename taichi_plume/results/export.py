@@ -30,6 +30,8 @@ TABLES = ("robots", "probes")
 def export(run: Run, to: str, out: Path, source: str | None = None, force: bool = False) -> list[Path]:
     """Write a run's data in a format `to` (vtkhdf, netcdf, csv, gaden), and return the files, for gaden one per folder.
 
+    pictures: colours of an old recording become pictures.zarr, from which reports and pictures are made.
+
     out: the file or, for csv and gaden, the folder; source: "film" or "recording", by default the film if any; force:
     replace existing files. Raises RunFolderError if the run has no such data or a file exists, and OSError.
     """
@@ -37,15 +39,14 @@ def export(run: Run, to: str, out: Path, source: str | None = None, force: bool 
         return _tables(run, out, force)
     if to == "gaden":
         return _gaden(run, out, force)
+    if to == "pictures":
+        return _old_pictures(run, out)
     if to == "vtkhdf" and source == "recording":
         raise RunFolderError(f"{run.folder}: pictures of a recording go to netcdf; vtkhdf takes a film")
     if to == "vtkhdf" or source == "film":
         run.require("fields.zarr")
-    if source == "recording":
-        run.require("recording.rrd")
-        data = run.pictures
-    else:
-        data = run.fields if run.has("fields.zarr") or to == "vtkhdf" else run.pictures
+    filmed = source != "recording" and (run.has("fields.zarr") or to == "vtkhdf")
+    data = run.fields if filmed else run.pictures
     _require_frames(run, data)
     from taichi_plume.files import netcdf, vtkhdf
 
@@ -69,6 +70,27 @@ def export_log(run: Run, choice: "Choice", out: Path, force: bool = False) -> li
 def _require_frames(run: Run, data: "xarray.Dataset") -> None:
     if not data.sizes.get("time"):
         raise RunFolderError(f"{run.folder}: holds no frame yet; it ended, or is still, before the first")
+
+
+def _old_pictures(run: Run, out: Path) -> list[Path]:
+    """Convert the recording.rrd of a run of an earlier version to a pictures.zarr at `out`, which is never replaced."""
+    from taichi_plume.record.old_recordings import convert
+
+    run.require("recording.rrd")
+    if os.path.lexists(out):
+        raise RunFolderError(f"{out}: exists, and colours replace no numbers; choose another --out")
+    if not out.parent.is_dir():
+        raise RunFolderError(f"{out}: its folder does not exist")
+    about = {"title": f"Pictures of {run.scenario.name}", **run.scenario.seeds}
+    made = run.result.get("version", "an earlier version")
+    about["source"] = f"colours in recording.rrd of taichi_plume {made}"
+    fresh = disk.new_folder_beside(out)
+    try:
+        convert(run.folder / "recording.rrd", fresh, run.scenario, about)
+        os.rename(fresh, out)
+    finally:
+        disk.discard(fresh)
+    return [out]
 
 
 def _gaden(run: Run, out: Path, force: bool) -> list[Path]:

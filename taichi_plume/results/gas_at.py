@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichi_plume.files import pictures_file
 from taichi_plume.files.film import BACKGROUND
 from taichi_plume.guard.input_error import InputError
+from taichi_plume.results.pictures import renamed, require_pictures
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -70,8 +70,7 @@ def _of_pictures(run: "Run", place: list[float]) -> "xr.Dataset":
     """Return the pictures of each gas on the first recorded plane through a position."""
     import xarray as xr
 
-    if not run.has(pictures_file.NAME):
-        run.require(pictures_file.NAME)
+    require_pictures(run)
     spacing, found = run.scenario.domain.spacing, {}
     for values in run.pictures.data_vars.values():
         about = values.attrs
@@ -84,12 +83,7 @@ def _of_pictures(run: "Run", place: list[float]) -> "xr.Dataset":
             f"{run.folder}: no recorded plane goes through {tuple(place)} m; `fields: {{rate: 2}}` in the scenario "
             "records all cells"
         )
-    return xr.Dataset({name: _renamed(values) for name, values in found.items()})
-
-
-def _renamed(values: "xr.DataArray") -> "xr.DataArray":
-    """Return a picture whose axes have the names x, y and z."""
-    return values.rename({dim: dim[0] for dim in map(str, values.dims) if dim != "time" and len(dim) > 1})
+    return xr.Dataset({name: renamed(values) for name, values in found.items()})
 
 
 def _linear(values: "xr.DataArray", at: dict[str, float], air: "xr.DataArray | None") -> "xr.DataArray":

@@ -163,6 +163,28 @@ def _of_film(run: "Run", seen: "list[View]", frames: Sequence[int]) -> "xarray.D
     return form.dataset(stacks, data.time.values[list(frames)])
 
 
+def gas_slices(run: "Run", gas: str | None = None) -> "xarray.Dataset":
+    """Return the first horizontal pictures of each gas as NAME_ppm over (time, y, x), of the pixels of one gas.
+
+    gas: the species whose pixels count, by default the first. Raises RunFolderError if no gas is recorded by itself.
+    """
+    import xarray
+
+    found: dict[str, xarray.DataArray] = {}
+    for values in run.pictures.data_vars.values():
+        if "species" in values.attrs and values.attrs["axes"] == "xy" and values.attrs["view"] != "column":
+            found.setdefault(values.attrs["species"], renamed(values))
+    if not found:
+        raise RunFolderError(f"{run.folder}: its pictures show no gas in a horizontal plane")
+    shape = found.get(gas or "", next(iter(found.values()))).shape
+    return xarray.Dataset({f"{name}_ppm": of for name, of in found.items() if of.shape == shape})
+
+
+def renamed(values: "xarray.DataArray") -> "xarray.DataArray":
+    """Return a picture whose axes have the names x, y and z."""
+    return values.rename({dim: dim[0] for dim in map(str, values.dims) if dim != "time" and len(dim) > 1})
+
+
 def require_pictures(run: "Run") -> None:
     """Raise RunFolderError if a run has neither pictures nor fields; say how an old recording is converted."""
     if has_pictures(run):

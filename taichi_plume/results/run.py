@@ -62,7 +62,7 @@ FILES = {
 """Names of the file of each part, the preferred name first."""
 REMEDIES = {
     "fields": "`fields: {rate: 2}` in the scenario records fields; .pictures has planes of a recording",
-    "pictures": "run without --no-recording",
+    "pictures": "run without --no-recording; `export RUN --to pictures` converts recordings of earlier versions",
     "robots": "the scenario has no robots",
     "probes": "run with `probes: {points: [{kind: point, name: a, at: [1, 2]}]}` in the scenario",
     "forces": "this run computes no forces; a wind of kind cfd with obstacles does",
@@ -156,7 +156,7 @@ class Run:
     @cached_property
     def fields(self) -> "xarray.Dataset":
         """Film of the run as a dataset: wind, gas and temperature at the cell centres over time."""
-        return _film(self._path("fields"))
+        return film_dataset(self._path("fields"))
 
     @cached_property
     def pictures(self) -> "xarray.Dataset":
@@ -364,7 +364,7 @@ def _damage(path: Path) -> Iterator[None]:
         raise RunFolderError(f"{path}: is damaged: {plain(' '.join(str(error).split()))}") from None
 
 
-def _film(path: Path) -> "xarray.Dataset":
+def film_dataset(path: Path) -> "xarray.Dataset":
     """Return the variables of a film (recorded wind and gas) at the cell centres. Raises RunFolderError if damaged."""
     from taichi_plume.files import zarr_groups
     from taichi_plume.files.film import Film

@@ -130,7 +130,8 @@ class Fields(Model):
         "gas",
         "temperature",
     )
-    """Quantities to film; temperature only if it is computed (`buoyancy: {heat: ...}` of the wind)."""
+    """Quantities to film; temperature stands for all besides wind and gas, and is filmed only if it is computed
+    (`buoyancy: {heat: ...}` of the wind)."""
 
     def errors(self, where: str, context: Context) -> Iterator[str]:
         tick = context.scenario.tick

@@ -8,6 +8,7 @@ from taichi_plume.files.film_writer import NewFilm
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.fluctuations.film_statistics import FilmRecord
 from taichi_plume.guard.input_error import InputError
+from taichi_plume.results.run import film_dataset
 from taichi_plume.scenario.species import SPECIES
 
 SHAPE, DX, HEIGHT, MIDDLE = (24, 15, 4), 0.1, 2, 7
@@ -77,10 +78,10 @@ def test_lines_end_at_the_obstacle_and_are_gaussian(film):
 
 
 def test_sources_are_those_that_the_film_tells(film):
-    record = FilmRecord(film[0])
+    record = FilmRecord(film[0], film_dataset(film[0]))
     assert record.sources is not None
     assert record.sources.tolist() == [[0.15, 0.75, 0.25]]
-    record.film.attributes["gases"]["gas_ethanol"]["sources"] = [{"position": "here"}]
+    record.data.attrs["gases"] = '{"gas_ethanol": {"sources": [{"position": "here"}]}}'
     assert record.sources is None
 
 
