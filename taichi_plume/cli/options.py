@@ -149,7 +149,8 @@ def command(name: str, call: Call, argv: Sequence[str]) -> int:
             say(*(f"{file}: {text}" for file, text in result.items()))
         else:
             for file in result if isinstance(result, list) else [result]:
-                say(f"{file}: {file.stat().st_size / 1e3:,.0f} kB")
+                size = sum(part.stat().st_size for part in (file, *file.rglob("*")) if part.is_file())
+                say(f"{file}: {size / 1e3:,.0f} kB")
         return 0
 
     return exit_code(work, "interrupted", debug, out)

@@ -83,8 +83,8 @@ def statistics_of(
         found = _of_pictures(run, options, sources)
     else:
         raise RunFolderError(
-            f"{path}: has neither probes.parquet nor fields.zarr nor {pictures_file.NAME}; run with `probes: {{every: step, points: "
-            "[{kind: point, name: a, at: [1, 2]}]}` or `fields: {rate: 10}`"
+            f"{path}: has neither probes.parquet nor fields.zarr nor {pictures_file.NAME}; run with "
+            "`probes: {every: step, points: [{kind: point, name: a, at: [1, 2]}]}` or `fields: {rate: 10}`"
         )
     if status not in ("completed", "stopped"):
         found.notes.append(f"The run ended as '{status}': its files hold the results up to then.")

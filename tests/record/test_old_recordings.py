@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from taichi_plume.cli import export
+from taichi_plume.__main__ import main
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.record.drawing import rows
 from taichi_plume.record.old_recordings import convert
@@ -81,7 +81,7 @@ def room(tmp_path_factory) -> Path:
     folder = old_run(tmp_path_factory.mktemp("old") / "room", planes)
     with pytest.raises(RunFolderError, match=r"export .* --to pictures"):
         open_run(folder).plot()
-    assert export.main([str(folder), "--to", "pictures"]) == 0
+    assert main(["export", str(folder), "--to", "pictures"]) == 0
     return folder
 
 
@@ -147,7 +147,7 @@ def test_a_species_has_the_planes_that_all_have(tmp_path):
         "gas/0/section_2": SIDE,
     }
     folder = old_run(tmp_path / "two", planes)
-    assert export.main([str(folder), "--to", "pictures"]) == 0
+    assert main(["export", str(folder), "--to", "pictures"]) == 0
     data = open_run(folder).pictures
     views = {str(name): data[name].attrs["view"] for name in data.data_vars}
     assert views == {"gas_slice": "slice", "gas_0_slice": "slice", "gas_0_section_2": "section_2"}
@@ -157,7 +157,7 @@ def test_a_species_has_the_planes_that_all_have(tmp_path):
 
 def test_pictures_are_never_replaced(room, capsys):
     before = (room / "pictures.zarr" / "zarr.json").read_bytes()
-    assert export.main([str(room), "--to", "pictures", "--force"]) == 2
+    assert main(["export", str(room), "--to", "pictures", "--force"]) == 2
     assert "exists" in capsys.readouterr().err
     assert (room / "pictures.zarr" / "zarr.json").read_bytes() == before
 
