@@ -25,10 +25,10 @@ def statistics(
     """Compute statistics of a plume: mean and rms, intermittency, whiffs and blanks, spectra, and what sensors detect.
 
     source: the folder of a run with `probes`, `fields` or pictures, or a film; in Python also a run. gas: species, by
-    default the first. probe: only this probe. threshold: concentration above which there is gas [ppm], by default a tenth of the
-    mean at the point with the most gas. start: leave out samples before this simulated time [s]. bounds: durations
-    between which the power laws are fitted [s], by default chosen from the data. sensors: another gas sensor, such as
-    {kind: pid, rise_time: 20 ms}; may be repeated.
+    default the first. probe: only this probe. threshold: concentration above which there is gas [ppm], by default a
+    tenth of the mean at the point with the most gas. start: leave out samples before this simulated time [s]. bounds:
+    durations between which the power laws are fitted [s], by default chosen from the data. sensors: another gas sensor,
+    such as {kind: pid, rise_time: 20 ms}; may be repeated.
 
     out: folder of the files, in Python by default none, of the command RUN/statistics, or FILM with -statistics instead
     of .zarr. page: write statistics.html.

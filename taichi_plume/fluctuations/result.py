@@ -44,7 +44,8 @@ class Statistics:
     """Plume statistics of a run or a film; a notebook shows them.
 
     source: the run's folder or the film; of: "probes", "film" or "pictures"; gas: species. threshold: of whiffs [ppm];
-    why: reason for the threshold. begin, end: first and last time [s]; steps: shortest and longest time between samples [s].
+    why: reason for the threshold. begin, end: first and last time [s]; steps: shortest and longest time between
+    samples [s].
     comparison: whiffs that sensors detect; bouts: of a metal oxide at points; gamma: intermittency map of the film.
     """
 
