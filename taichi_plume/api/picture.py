@@ -56,7 +56,7 @@ def picture(
 
     for name, number in (("frames", frames), ("fps", fps), ("width", width)):
         least, most = LIMITS[name]
-        load_part(number, f"--{name}", Annotated[int, Field(ge=least, le=most, strict=True)] | None)
+        load_part(number, f"--{name}", Annotated[int | None, Field(ge=least, le=most, strict=True)])
     times = [
         load_part(time, f"--{name}", si.Time | None)
         for name, time in (("at", at), ("begin", begin), ("end", end))

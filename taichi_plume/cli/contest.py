@@ -30,15 +30,12 @@ def _contest(**options: Any) -> int:
     from taichi_plume.contests.standings import conclude, show_table
     from taichi_plume.files.run_folder import RunFolderError
 
-    quiet = options.pop("progress", True) is False
-    workers, retry, force = (
-        options.pop("workers", None),
-        options.pop("retry", False),
-        options.pop("force", False),
-    )
-    names = {key: chosen(options[key]) for key in ("algorithms", "scenarios") if key in options}
-    choice = Choice(**options | names)
-    settings = settings_of(choice, workers, retry, force, not quiet)
+    progress, workers = options.pop("progress", True), options.pop("workers", None)
+    retry, force = options.pop("retry", False), options.pop("force", False)
+    options |= {key: chosen(options[key]) for key in ("algorithms", "scenarios") if key in options}
+    choice, quiet = Choice(**options), not progress
+    settings = settings_of(choice, workers, retry, force, progress)
+    settings.check()
     contest = contest_of(choice)
     code = max(print_end(end, quiet, report=False) for end in play(contest, settings))
     try:

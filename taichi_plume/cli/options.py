@@ -66,7 +66,7 @@ def add_options(parser: _ActionsContainer, call: Call, leave_out: Collection[str
             option, *values = usage.split() if usage.startswith("-") else ("", *usage.split())
             if parameter.kind is parameter.KEYWORD_ONLY and not option:
                 option = f"--{name.replace('_', '-')}"
-            keywords = _value(kind, name, values, parameter.default, *types) | {"help": helps.get(name, "")}
+            keywords: dict[str, Any] = _value(kind, name, values, parameter.default, *types) | {"help": helps.get(name, "")}
             if keywords.get("action") == "store_false":
                 option = option.replace("--", "--no-", 1)
                 keywords["help"] = f"do not {keywords['help']}"
@@ -74,8 +74,8 @@ def add_options(parser: _ActionsContainer, call: Call, leave_out: Collection[str
                 keywords["help"] += f" (default: {parameter.default})"
             keywords["help"] = keywords["help"].replace("%", "%%")
             if option:
-                required = parameter.default is parameter.empty
-                parser.add_argument(option, dest=name, required=required, **keywords)
+                keywords |= {"dest": name, "required": parameter.default is parameter.empty}
+                parser.add_argument(option, **keywords)
             else:
                 if parameter.default is not parameter.empty:
                     keywords["nargs"] = "*" if keywords.pop("action", None) else "?"

@@ -70,6 +70,7 @@ def run(
         return carry_out(lambda: _resume(resume, allow, outside, **options), quiet, debug)
     from taichi_plume.assembly.preparation import load
 
+    assert scenario is not None, "main requires a scenario unless --resume is given"
     prepared = load(scenario, overrides_of(options), outside)
     at_the_end = check and sys.stdout.isatty()  # after the output, where notes would scroll away
     for warning in () if quiet or at_the_end else prepared.resources.warnings:

@@ -186,7 +186,7 @@ def test_a_film_by_itself(folder, tmp_path, capsys, monkeypatch):
     assert sum(name.startswith("across at x = ") for name in names) >= 3
     with xarray.open_dataset(out / "maps.nc") as maps:
         assert maps["mean"].attrs["units"] == "ppm"
-    assert "between its frames" in capsys.readouterr().out
+    assert "between the frames" in capsys.readouterr().out
     lines = tp.statistics(film, gas="ethanol", start=3.0)
     assert lines.maps is not None
     mean = lines.maps["mean"]
