@@ -66,7 +66,8 @@ def add_options(parser: _ActionsContainer, call: Call, leave_out: Collection[str
             option, *values = usage.split() if usage.startswith("-") else ("", *usage.split())
             if parameter.kind is parameter.KEYWORD_ONLY and not option:
                 option = f"--{name.replace('_', '-')}"
-            keywords: dict[str, Any] = _value(kind, name, values, parameter.default, *types) | {"help": helps.get(name, "")}
+            keywords: dict[str, Any] = _value(kind, name, values, parameter.default, *types)
+            keywords["help"] = helps.get(name, "")
             if keywords.get("action") == "store_false":
                 option = option.replace("--", "--no-", 1)
                 keywords["help"] = f"do not {keywords['help']}"
