@@ -44,11 +44,6 @@ class Plane:
         return self.normal is not None and self.level is None
 
     @property
-    def is_volume(self) -> bool:
-        """Whether the picture has all three axes."""
-        return len(self.axes) == 3
-
-    @property
     def letters(self) -> str:
         """Names of the plane's axes, such as "xz"."""
         return "".join("xyz"[d] for d in self.axes)
