@@ -36,10 +36,10 @@ def export(
 
     run: the run's folder. to: vtkhdf: the film for ParaView and pyvista; netcdf: fields after CF; csv: the tables;
     mcap: a bag of ROS 2; gaden: the film for GADEN's player; plumesim: a log of probes, or of robots that stand;
-    pictures: numbers from the colours in recording.rrd of an earlier version. out: the file, of csv, mcap and gaden a
-    folder; by default in the run's folder. source: of netcdf, by default the film, else the pictures of the recording;
-    or of plumesim, by default the probes, else the robots. trial: number of the trial of mcap, plumesim, by default 0.
-    force: replace what is there.
+    pictures: numbers from the colours in recording.rrd of an earlier version. out: the file, of csv, mcap, gaden and
+    pictures a folder; by default in the run's folder. source: of netcdf, by default the film, else the pictures; or of
+    plumesim, by default the probes, else the robots. trial: number of the trial of mcap, plumesim, by default 0.
+    force: replace what is there, except pictures.
 
     begin: ROS time of a bag's start, such as a Unix time, by default 0. points: most points in a bag's cloud of gas, by
     default 20000; more cells are averaged in blocks. least: less gas is no point of a bag's cloud, by default 0.1.

@@ -67,7 +67,7 @@ def test_it_is_in_the_exports_of_the_film(run, tmp_path):
         np.testing.assert_allclose(data["dose"], expected(data), rtol=1e-6)
     export(run, "vtkhdf", tmp_path / "film.vtkhdf")
     with h5py.File(tmp_path / "film.vtkhdf") as file:
-        cells = file["VTKHDF/CellData/dose"][:, 0]  # pyright: ignore[reportIndexIssue]
+        cells = np.asarray(file["VTKHDF/CellData/dose"])[:, 0]
     np.testing.assert_allclose(cells, expected(run.fields), rtol=1e-6)
 
 
