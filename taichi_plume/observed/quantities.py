@@ -43,23 +43,22 @@ class Rounded:
         """CF attributes of the packing, and its precision in the quantity's unit."""
         packing = {"scale_factor": self.factor} if self.factor != 1.0 else {}
         return packing | {
-            "relative_precision": 2.0 ** -(self.digits + 1) + 2.0**-12,  # rounded twice
+            "relative_precision": 2.0 ** -(self.digits + 1),
             "absolute_precision": max(self.least, 2.0 ** -(self.digits + 15) * self.factor),
             "largest_value": self.largest,
         }
 
     def packed(self, values: np.ndarray) -> np.ndarray:
         """Return values as stored, float16."""
-        small = np.clip(values, -self.largest, self.largest) / np.float32(self.factor)
+        small = np.clip(values, -self.largest, self.largest).astype(np.float32) / np.float32(self.factor)
         if self.least:
             small[np.abs(small) < self.least / self.factor] = 0.0
+        if self.digits < 10:  # in float32: float16 would be rounded twice
+            bits, drop = small.view(np.uint32), 23 - self.digits
+            bits += np.uint32((1 << (drop - 1)) - 1) + ((bits >> drop) & np.uint32(1))
+            bits &= np.uint32(0xFFFFFFFF << drop & 0xFFFFFFFF)
         half = small.astype(np.float16)
-        drop = 10 - self.digits
-        if drop:
-            bits = half.view(np.uint16)
-            bits += np.uint16((1 << (drop - 1)) - 1) + ((bits >> drop) & 1)
-            bits &= np.uint16(0xFFFF << drop & 0xFFFF)
-            half[np.isnan(small)] = np.nan
+        half[np.isnan(values)] = np.nan
         return half
 
 
