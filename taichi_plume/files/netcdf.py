@@ -17,17 +17,17 @@ Reading = Callable[[str, int], np.ndarray]
 def write(fresh: Path, data: "xarray.Dataset", read: Reading) -> Iterator[int]:
     """Write a dataset to a NetCDF-4 file frame by frame; yields the number of bytes before each frame.
 
-    data: variables with time as first dimension; read: returns their values. Numbers over time are float32, NaN if
-    missing. Raises OSError.
+    data: variables whose first dimension is a time, such as time or time_wind; read: returns their values. Numbers
+    over time are float32, NaN if missing. Raises OSError.
     """
     import h5netcdf
 
     with h5netcdf.File(fresh, "w") as file:
         file.dimensions = {str(name): size for name, size in data.sizes.items()}
         file.attrs.update(_plain(data.attrs))
-        moving = {}
+        moving: dict[str, dict[str, Any]] = {str(dim): {} for dim in data.dims if str(dim).startswith("time")}
         for name, variable in ((str(name), variable) for name, variable in data.variables.items()):
-            frames = variable.dims[:1] == ("time",) and variable.ndim > 1
+            frames = variable.ndim > 1 and variable.dims[0] in moving
             options: dict[str, Any] = PACKED | {"chunks": (1, *variable.shape[1:])} if frames else {}
             kind = np.dtype(np.float32) if frames and variable.dtype.kind == "f" else variable.dtype
             if frames and kind.kind == "f":
@@ -35,13 +35,14 @@ def write(fresh: Path, data: "xarray.Dataset", read: Reading) -> Iterator[int]:
             array = file.create_variable(name, variable.dims, kind, **options)
             array.attrs.update(_plain(variable.attrs))
             if frames:
-                moving[name] = array
+                moving[str(variable.dims[0])][name] = array
             else:
                 array[...] = read(name, 0)
-        for n in range(data.sizes.get("time", 0)):
-            yield sum(int(np.prod(array.shape[1:])) * array.dtype.itemsize for array in moving.values())
-            for name, array in moving.items():
-                array[n] = read(name, n)
+        for dim, arrays in moving.items():
+            for n in range(data.sizes[dim]):
+                yield sum(int(np.prod(array.shape[1:])) * array.dtype.itemsize for array in arrays.values())
+                for name, array in arrays.items():
+                    array[n] = read(name, n)
 
 
 def _plain(attributes: Mapping[Any, object]) -> dict[str, object]:

@@ -46,7 +46,7 @@ def export(run: Run, to: str, out: Path, source: str | None = None, force: bool 
     if to == "vtkhdf" or source == "film":
         run.require("fields.zarr")
     filmed = source != "recording" and (run.has("fields.zarr") or to == "vtkhdf")
-    data = run.fields if filmed else run.pictures
+    data = run.fields if filmed else _recorded(run)
     _require_frames(run, data)
     from taichi_plume.files import netcdf, vtkhdf
 
@@ -70,6 +70,12 @@ def export_log(run: Run, choice: "Choice", out: Path, force: bool = False) -> li
 def _require_frames(run: Run, data: "xarray.Dataset") -> None:
     if not data.sizes.get("time"):
         raise RunFolderError(f"{run.folder}: holds no frame yet; it ended, or is still, before the first")
+
+
+def _recorded(run: Run) -> "xarray.Dataset":
+    """Return the pictures of a run, and the wind on its planes; names of the wind's dimensions end in _wind."""
+    winds = run.winds
+    return run.pictures.assign(winds.rename({dim: f"{dim}_wind" for dim in winds.dims}))
 
 
 def _old_pictures(run: Run, out: Path) -> list[Path]:
@@ -123,7 +129,8 @@ def frames(data: "xarray.Dataset", folder: Path) -> "Callable[[str, int], np.nda
     def read(name: str, n: int) -> "np.ndarray":
         values = data[name]
         with errors_as(RunFolderError, folder, f"frame {n} of {name} is damaged"):
-            return (values.isel(time=n) if "time" in values.dims and values.ndim > 1 else values).values
+            moving = values.ndim > 1 and str(values.dims[0]).startswith("time")
+            return (values[n] if moving else values).values
 
     return read
 

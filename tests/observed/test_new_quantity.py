@@ -22,7 +22,7 @@ ROOM = {
     "domain": {"size": [2, 1], "spacing": 0.1},
     "wind": {"kind": "synthetic", "speed": 0.3},
     "gas": {"kind": "eulerian", "sources": [{"position": [0.4, 0.4], "rate": "50 mg/s"}]},
-    "recording": {"rate": 2, "range_ppm": [0.1, 100]},
+    "recording": {"rate": 2, "wind_rate": 1, "range_ppm": [0.1, 100]},
     "fields": {"rate": 2},
 }  # fmt: skip
 
@@ -81,3 +81,15 @@ def test_it_is_in_the_export_of_the_pictures(run, tmp_path):
         assert gas.dtype == np.float32
         np.testing.assert_array_equal(gas, run.pictures["gas_slice"])
         assert gas.max() > 1.0
+
+
+def test_the_wind_is_in_the_export_of_the_pictures(run, tmp_path):
+    export(run, "netcdf", tmp_path / "pictures.nc", "recording")
+    with xarray.open_dataset(tmp_path / "pictures.nc") as data:
+        assert (data.sizes["time"], data.sizes["time_wind"]) == (3, 2)
+        winds = run.winds
+        for name in ("u_slice", "v_slice"):
+            assert (data[name].dtype, data[name].attrs["units"]) == (np.float32, "m s-1")
+            np.testing.assert_array_equal(data[name], winds[name])
+        np.testing.assert_allclose(data["x_wind"], winds["x"])
+        assert abs(data["u_slice"]).max() > 0.1
