@@ -20,6 +20,7 @@ from taichi_plume.guard.terminal import say
 
 if TYPE_CHECKING:
     from taichi_plume.draw.server import Service
+    from taichi_plume.draw.workplace import Workplace
 
 NEEDED = ("bokeh",)
 
@@ -48,7 +49,6 @@ def draw(
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
         raise InputError(f"needs {', '.join(missing)}: pip install 'taichi_plume[draw]'")
-    from taichi_plume.draw.server import Service
     from taichi_plume.draw.workplace import Workplace
     from taichi_plume.files.bundled import file_or_example
 
@@ -56,12 +56,15 @@ def draw(
     if file is not None and file.suffix not in (".yaml", ".yml"):
         file = file_or_example(file)
     workplace = Workplace(Path.cwd(), file, allow_outside, allow_code)
-    asyncio.run(_serve(Service(workplace, port, debug["debug"]), browser))
+    asyncio.run(_serve(workplace, port, debug["debug"], browser))
     return 0
 
 
-async def _serve(service: "Service", browser: bool) -> None:
-    workplace, ended = service.workplace, asyncio.Event()
+async def _serve(workplace: "Workplace", port: int, debug: bool, browser: bool) -> None:
+    from taichi_plume.draw.server import Service
+
+    service = Service(workplace, port, debug)  # takes the event loop that runs
+    ended = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         try:
