@@ -130,7 +130,7 @@ class Fields(Model):
         "gas",
         "temperature",
     )
-    """Quantities to film; temperature stands for all besides wind and gas, and is filmed only if it is computed
+    """Quantities to film. Temperature stands for all besides wind and gas, and is filmed only if it is computed
     (`buoyancy: {heat: ...}` of the wind)."""
 
     def errors(self, where: str, context: Context) -> Iterator[str]:
