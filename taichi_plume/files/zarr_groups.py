@@ -44,7 +44,6 @@ OWN_CODECS = frozenset({"bytes", "blosc", "crc32c", "zstd"})
 """Codecs of the groups that this package writes, and of xarray's copies of these groups."""
 LARGEST_CHUNK = 1 << 30  # bytes of a decoded chunk
 LARGEST_METADATA = 1 << 24  # bytes of the zarr.json of an array
-LEVEL = 3  # of compression
 MOST_CHUNKS = 10_000  # of one element of the first axis, such as a frame
 Array = Any
 """A `zarr.Array` that `Group` has checked. zarr types its elements as a union that no caller can use."""
@@ -180,13 +179,9 @@ def add(
     values: np.ndarray,
     attributes: Mapping[str, object],
     chunks: tuple[int, ...] | None = None,
-    level: int = LEVEL,
 ) -> Array:
-    """Store values as a new Zarr array, by default in one chunk. Its fill value is NaN or, for integers, 0.
-
-    level: of compression, from 1 to 9.
-    """
-    array = reserve(group, name, dimensions, values.shape, attributes, chunks, values.dtype, level)
+    """Store values as a new Zarr array, by default in one chunk. Its fill value is NaN or, for integers, 0."""
+    array = reserve(group, name, dimensions, values.shape, attributes, chunks, values.dtype)
     if values.size:
         array[...] = values
     return array
@@ -200,7 +195,6 @@ def reserve(
     attributes: Mapping[str, object],
     chunks: tuple[int, ...] | None = None,
     kind: DTypeLike = np.float32,
-    level: int = LEVEL,
 ) -> Array:
     """Create an empty Zarr array, by default in one chunk. kind: data type. Missing values: NaN or, of integers, 0."""
     kind = np.dtype(kind)
@@ -212,7 +206,7 @@ def reserve(
         fill_value=np.nan if kind.kind == "f" else 0,
         dimension_names=dimensions,
         attributes=dict[str, Any](attributes),
-        compressors=[BloscCodec(cname="zstd", clevel=level, shuffle="shuffle"), Crc32cCodec()],
+        compressors=[BloscCodec(cname="zstd", clevel=3, shuffle="shuffle"), Crc32cCodec()],
         config={"write_empty_chunks": True},  # so that a missing chunk is noticed
     )
 

@@ -17,7 +17,6 @@ from taichi_plume.time_loop import Every, TimeLoop
 
 CHUNK = 1 << 20  # bytes of a variable's chunk before compression
 LONGEST = 64  # pictures in a chunk
-LEVEL = 5  # of compression
 
 
 class PictureStore:
@@ -151,7 +150,7 @@ class _Part:
             missing = {"_FillValue": MISSING} if empty.dtype.kind == "i" else {}
             self.arrays[each.name] = add(
                 self.group, each.name, ("time", *each.dims), empty, each.attributes | precision.attributes | missing,
-                (self.length, *each.shape), LEVEL,
+                (self.length, *each.shape),
             )  # fmt: skip
         for name, (values, about) in self.layout.coordinates.items():
             add(self.group, name, (name,), values, about)
