@@ -102,7 +102,7 @@ def test_air_that_cannot_be_measured_costs_no_result(scenario, fake, monkeypatch
 def test_a_run_leaves_its_directory(scenario, capsys):
     assert run.main([str(scenario)]) == 0
     folder = Path("runs/small-1")
-    files = "manifest.json scenario.yaml recording.rrd robots.parquet maps.zarr result.json report.html"
+    files = "manifest.json scenario.yaml recording.rrd pictures.zarr robots.parquet maps.zarr result.json report.html"
     assert {file.name for file in folder.iterdir()} - {".lock"} == set(files.split())
     assert read_result(folder)["status"] == "completed"
     assert readable(folder) == pytest.approx(1.0)
