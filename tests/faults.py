@@ -78,7 +78,7 @@ def _left(folder: Path, code: int, message: str) -> Left:
     files = sorted(file.name for file in out.iterdir()) if out.is_dir() else []
     files = [name for name in files if name not in (".lock", "scenario.yaml")]
     text = re.sub(r"t = [\d.]+", "t = ...", message.strip()).replace(f"{folder}/", "")
-    text = re.sub(r"[\d,.]+ (rows|MB)", r"... \1", text)
+    text = re.sub(r"[\d,.]+ (rows|MB|instants)", r"... \1", text)
     return Left(code, status, files, text.split("\n"))
 
 

@@ -183,7 +183,7 @@ def _film(path: Path) -> str | None:
 
 
 def _pictures(path: Path) -> str | None:
-    return f"{pictures_file.complete(path)} pictures" if (path / "zarr.json").exists() else None
+    return f"{pictures_file.complete(path)} instants" if (path / "zarr.json").exists() else None
 
 
 def _maps(path: Path) -> None:
