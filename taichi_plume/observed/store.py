@@ -72,10 +72,9 @@ class PictureStore:
         for part in self.parts.values():
             if part.count > part.written or part.group is None:
                 self._write(part)
-        for name in sorted(
-            {*self.parts, ""}, reverse=True
-        ):  # the root last: it repeats the metadata of all parts
-            zarr_groups.consolidate(self.path, name or None)
+        for name in {*self.parts} - {""}:
+            zarr_groups.consolidate(self.path, name)
+        zarr_groups.consolidate(self.path)  # last, as the root repeats the metadata of all parts
         self.frames = {name: part.count for name, part in self.parts.items()}
 
     def resume(self) -> None:

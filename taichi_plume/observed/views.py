@@ -159,9 +159,7 @@ def _attributes(view: View, sample: Raster | Lattice) -> dict[str, object]:
     quantity, plane = view.quantity, view.plane
     where = plane.text or PLANES.get(plane.name, "")
     about: dict[str, object] = {
-        "long_name": ", ".join(part for part in (quantity.name, where) if part)
-        if where
-        else quantity.meaning or quantity.name,
+        "long_name": f"{quantity.name}, {where}" if where else quantity.meaning or quantity.name,
         "units": quantity.unit,
         "quantity": quantity.name,
         **quantity.attributes,

@@ -1,5 +1,6 @@
 """Output files of a run as sections of a scenario: recording, checkpoints, forces, films and PlumeSim logs."""
 
+import re
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal
 
@@ -10,6 +11,8 @@ from taichi_plume.scenario.domain import Context, starts_late
 from taichi_plume.scenario.plumesim import nodes
 from taichi_plume.scenario.vocabulary import Model, not_both, one_or_several
 
+RECORDED = re.compile(r"(slice|section)(_\d+)?$")  # planes of a recording
+RESERVED = ("wind", "column", "volume", "cells")  # its other views, and its groups
 CLOSE = 1e-6  # relative tolerance of whole numbers
 
 
@@ -91,8 +94,10 @@ class Output(Model):
             if self.at > extent[axis]:
                 use = f"use 0 to {extent[axis]:g} m along {'xyz'[axis]}"
                 yield f"{where}.at: {self.at:g} m is outside the domain; {use}"
-        if self.name == "wind":
-            yield f"{where}.name: 'wind' is the group of the recorded wind; choose another name"
+        if self.name in RESERVED or RECORDED.match(self.name):
+            yield f"{where}.name: '{self.name}' is a name of the recording; choose another"
+        if [output.name for output in context.scenario.outputs].count(self.name) > 1:
+            yield f"{where}.name: '{self.name}' is the name of several outputs; give each its own"
 
 
 class Checkpoint(Model):

@@ -233,7 +233,7 @@ def test_a_folder_whose_files_are_links_is_refused(tmp_path, name, how):
 
 
 def test_links_to_folders_are_refused(earlier, tmp_path):
-    """What lies in a linked folder would be removed; a folder that gets another name keeps its links."""
+    """Files in a linked folder would be removed; a folder that gets another name keeps its links."""
     target = tmp_path / "mine"
     target.mkdir()
     (target / "photo.jpg").write_text("mine")

@@ -242,8 +242,12 @@ def test_a_view_is_written_at_a_rate_of_its_own(tmp_path):
         ({"quantity": "wind", "plane": "column"}, r"outputs\[0\].plane: wind"),
         ({"plane": "yz", "at": 3}, r"outputs\[0\].at: 3 m .* 0 to 2 m"),
         ({"name": "wind"}, r"outputs\[0\].name: 'wind'"),
+        ({"name": "slice"}, r"outputs\[0\].name: 'slice'"),
+        ({"name": "section_2"}, r"outputs\[0\].name: 'section_2'"),
+        ({"name": "other"}, r"outputs\[0\].name: 'other' .* several"),
     ],
 )
 def test_a_view_that_cannot_be_is_refused_in_a_line(tmp_path, output, words):
+    """Names that two views share would mix their pixels."""
     with pytest.raises(tp.InputError, match=words):
-        tp.simulate(ROOM | {"outputs": [output]}, out=tmp_path / "run", progress=False)
+        tp.simulate(ROOM | {"outputs": [output, {"name": "other"}]}, out=tmp_path / "run", progress=False)
