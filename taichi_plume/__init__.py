@@ -60,8 +60,11 @@ if TYPE_CHECKING:
     from taichi_plume.agents.own_robots import Robots
     from taichi_plume.api.cite import cite
     from taichi_plume.api.contest import contest
+    from taichi_plume.api.export import export
     from taichi_plume.api.maps import maps
     from taichi_plume.api.own import Own
+    from taichi_plume.api.picture import picture
+    from taichi_plume.api.repair import repair
     from taichi_plume.api.simulate import simulate
     from taichi_plume.api.simulation import Simulation
     from taichi_plume.api.statistics import statistics
@@ -92,10 +95,13 @@ __all__ = [
     "cite",
     "contest",
     "envs",
+    "export",
     "load_scenario",
     "maps",
     "open_run",
     "open_study",
+    "picture",
+    "repair",
     "simulate",
     "statistics",
     "study",
@@ -114,10 +120,13 @@ _MODULES = {
     "UnstableError": "time_loop",
     "cite": "api.cite",
     "contest": "api.contest",
+    "export": "api.export",
     "load_scenario": "assembly.preparation",
     "maps": "api.maps",
     "open_run": "results.run",
     "open_study": "studies.results",
+    "picture": "api.picture",
+    "repair": "api.repair",
     "simulate": "api.simulate",
     "study": "api.study",
     "statistics": "api.statistics",

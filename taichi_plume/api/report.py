@@ -1,4 +1,4 @@
-"""Report of a run, written again: ``tp.report(folder)`` is ``taichi-plume report``."""
+"""Report of a run, written again: `report(folder)` of this module is ``taichi-plume report``."""
 
 from pathlib import Path
 

@@ -35,6 +35,7 @@ def use() -> None:
     run.animate()
     run.show()
     print(run.robots, run.trials, run.maps, run.gas_at(1.0, 2.0), run.fields, run.pictures, tp.cite(run))
+    print(tp.picture(run.folder, at="20 s"), tp.export(run.folder, to="csv"), tp.repair(run.folder))
     with tp.Simulation(scenario, overrides={"robots.0.algorithm": tp.Own(Upwind, speed=0.3)}) as sim:
         sim.every(1.0, lambda now: print(now.t))
         sim.step()

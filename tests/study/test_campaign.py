@@ -374,11 +374,11 @@ def test_the_scheduler_dies(tmp_path, unbroken):
 
 
 def test_workers_of_no_use(tmp_path, address):
-    """They have no taichi_plume that knows studies."""
-    other = tmp_path / "other" / "taichi_plume"
-    other.mkdir(parents=True)
-    (other / "__init__.py").touch()
-    with worker(tmp_path, address, path=[str(other.parent)]):
+    """They have no taichi_plume that knows studies: a module of the name hides even one installed from a checkout."""
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "taichi_plume.py").touch()
+    with worker(tmp_path, address, path=[str(other)]):
         code, said = study(tmp_path / "out", {"runs": 3}, f"--scheduler={address}")
     assert code == 2
     assert "has no taichi_plume" in said
