@@ -16,7 +16,7 @@ from taichi_plume.observed.views import Layout, layout
 from taichi_plume.time_loop import Every, TimeLoop
 
 CHUNK = 1 << 20  # bytes of a variable's chunk before compression
-LONGEST = 64  # pictures in a chunk
+LONGEST = 256  # pictures in a chunk: each write to a variable costs 5 ms
 
 
 class PictureStore:
@@ -55,7 +55,7 @@ class PictureStore:
         for part in self.parts.values():
             if part.layout.variables and part.layout.variables[0].view.name in pictures:
                 part.gather(sim.t, pictures)
-                if len(part.times) >= part.length:
+                if part.count % part.length == 0:
                     self._write(part)
 
     def _write(self, part: "_Part") -> None:
@@ -70,7 +70,7 @@ class PictureStore:
         from taichi_plume.files import zarr_groups
 
         for part in self.parts.values():
-            if part.count > part.written or part.group is None:
+            if part.times or part.group is None:
                 self._write(part)
         for name in {*self.parts} - {""}:
             zarr_groups.consolidate(self.path, name)
@@ -91,7 +91,7 @@ class PictureStore:
 
 class _Part:
     """Group of variables with a common time. length: pictures per chunk; count: pictures so far, with those in memory;
-    times, values: pictures of the last chunk; written: number of pictures on the disk.
+    times, values: pictures in memory, as observed.
     """
 
     def __init__(self, path: Path, name: str, of: Layout):
@@ -100,7 +100,7 @@ class _Part:
         self.length = int(np.clip(CHUNK // (2 * largest), 1, LONGEST))
         self.group: Any = None
         self.arrays: dict[str, Any] = {}
-        self.count = self.written = 0
+        self.count = 0
         self.times: list[float] = []
         self.values: dict[str, list[np.ndarray]] = {each.name: [] for each in of.variables}
 
@@ -110,29 +110,27 @@ class _Part:
 
     def gather(self, t: float, pictures: Pictures) -> None:
         for each in self.layout.variables:
-            packed = each.view.quantity.precision.packed(each.values(pictures))
-            self.values[each.name].append(packed)
+            self.values[each.name].append(each.values(pictures))
         self.times.append(t)
         self.count += 1
 
     def write(self) -> None:
-        """Write the last chunk, full or not."""
+        """Write the pictures in memory, also behind those of a chunk that is not full."""
         if self.group is None:
             self._create()
         first = self.count - len(self.times)
-        for name, gathered in self.values.items():
-            array = self.arrays[name]
-            array.resize((self.count, *array.shape[1:]))
+        for each in self.layout.variables:
+            gathered = self.values[each.name]
             if gathered:
-                array[first : self.count] = np.stack(gathered)
-        time = self.arrays["time"]
-        time.resize((self.count,))
-        time[first : self.count] = np.array(self.times)
-        self.written = self.count
-        if len(self.times) == self.length:
-            self.times.clear()
-            for gathered in self.values.values():
+                array = self.arrays[each.name]
+                array.resize((self.count, *array.shape[1:]))
+                array[first:] = each.view.quantity.precision.packed(np.stack(gathered))
                 gathered.clear()
+        if self.times:
+            time = self.arrays["time"]
+            time.resize((self.count,))
+            time[first:] = np.array(self.times)
+            self.times.clear()
 
     def _create(self) -> None:
         from taichi_plume.files import zarr_groups
@@ -171,15 +169,10 @@ class _Part:
             raise RunFolderError(
                 f"{self.path}: the run cannot go on: {held} of the first {count} pictures are left"
             )
-        first = count - count % self.length
-        self.count = self.written = count
-        for name, array in self.arrays.items():
-            begin = first if name in self.values else 0
+        self.count = count
+        for array in self.arrays.values():
+            begin = count - count % array.chunks[0]
             values = array[begin:count]
             array.resize((begin, *array.shape[1:]))  # also removes later chunks
             array.resize((count, *array.shape[1:]))
-            array[begin:count] = values
-            if name in self.values:
-                self.values[name] = list(values)
-            else:
-                self.times = values[first:].tolist()
+            array[begin:] = values
