@@ -28,7 +28,7 @@ from taichi_plume.version import __version__
 
 SAMPLE_PERIOD = 0.1  # s, robots
 LIVE = 0.5  # s of wall time between two batches for a viewer
-BATCH = 2.0  # s, at least
+BATCH = 5.0  # s, at least
 BATCHES = 250  # at most: rerun keeps 1.5 kB per batch and entity in memory until the end
 AT_ONCE = 10  # robots whose samples are sent together
 EARLIER = "recording.old.rrd"
@@ -160,6 +160,7 @@ class Recorder:
 
     def _send(self, share: int = 0, of: int = 1) -> None:
         self.tracks.send(share, of)
+        self.arrows.send()
         for n, samples in self.walks.items():
             if samples:
                 t, x, y = np.array(samples).T

@@ -224,7 +224,7 @@ class Tracks:
         self.stream.send(f"{poses}/{robot.name}", t, transforms)
         path = np.vstack([robot.last.get(trails, place[:1]), place])
         robot.last[trails] = place[-1:]
-        steps = rr.LineStrips3D.columns(strips=list(np.stack([path[:-1], path[1:]], axis=1)))
+        steps = rr.LineStrips3D.columns(strips=np.stack([path[:-1], path[1:]], axis=1))
         self.stream.send(f"{trails}/{robot.name}", t, steps)
 
 
