@@ -126,8 +126,9 @@ class Step:
 
 
 @pytest.mark.parametrize("counts", [(0, 0), (3, 3), (5, 5), (70, 64), (140, 140)])
-def test_a_store_that_is_resumed_equals_one_that_was_not_interrupted(tmp_path, counts):
+def test_a_store_that_is_resumed_equals_one_that_was_not_interrupted(tmp_path, monkeypatch, counts):
     """counts: pictures before the last flush, and of these before the resumption."""
+    monkeypatch.setattr("taichi_plume.observed.store.LONGEST", 64)
     sim = tp.Simulation(ROOM).loop
 
     def made(name: str) -> tuple[Observer, PictureStore]:
