@@ -42,7 +42,8 @@ HEAT = {
 CASES: dict[str, dict[str, Any]] = {
     "two gases in 2-D": {"domain": FLAT, "gas": gas(2, ethanol="eulerian", acetone="eulerian")},
     "two gases beside an obstacle": {
-        "domain": HIGH, "gas": gas(3, ethanol="eulerian", acetone="eulerian"), "obstacles": [BOX], "wind": {"kind": "synthetic"},
+        "domain": HIGH, "gas": gas(3, ethanol="eulerian", acetone="eulerian"), "obstacles": [BOX],
+        "wind": {"kind": "synthetic"},
     },
     "puffs in 2-D": {"domain": FLAT, "gas": gas(2, acetone="puffs")},
     "puffs in 3-D": {"domain": HIGH, "gas": gas(3, acetone="puffs")},
@@ -55,16 +56,16 @@ CASES: dict[str, dict[str, Any]] = {
 
 
 def scenario(case: str) -> dict[str, Any]:
-    height = {"height": HEIGHT} if len(CASES[case]["domain"]["size"]) == 3 else {}
+    dim = len(CASES[case]["domain"]["size"])
+    height = {"height": HEIGHT} if dim == 3 else {}
     robots = {
         "name": "team", "count": 1, "start": {"kind": "positions", "positions": [[1.4, 0.3]]},
         "algorithm": {"kind": "casting"}, "sensors": {"gas": {"kind": "ideal", **height}},
     }  # fmt: skip
-    more = {"slice_height": [HEIGHT]} if height else {}
-    return {
-        "duration": 4, "seed": 3, "stop_early": False, "wind": {"kind": "uniform", "velocity": [0.2, 0, 0][:len(CASES[case]["domain"]["size"])]},
-        "robots": [robots], "recording": {"rate": 1, "wind_rate": 1, **more}, "fields": {"rate": 1}, **CASES[case],
-    }  # fmt: skip
+    wind = {"kind": "uniform", "velocity": [0.2, 0, 0][:dim]}
+    recording = {"rate": 1, "wind_rate": 1, **({"slice_height": [HEIGHT]} if height else {})}
+    common = {"duration": 4, "seed": 3, "stop_early": False, "wind": wind, "fields": {"rate": 1}}
+    return common | {"robots": [robots], "recording": recording} | CASES[case]
 
 
 @pytest.fixture(scope="module", params=CASES)
@@ -88,7 +89,9 @@ def solved(sim: TimeLoop, name: str, x: float, y: float) -> float:
         (n,) = (n for n, each in enumerate(sim.gas.species) if each.name == name)
         if sim.gas.gases[n].finer_than_cells:
             return float(fields.excess_at(sim.gas, here[None], sim.t)[0, n])
-        cells = sim.gas.gases[n].cells(sim.t) * sim.gas.species[n].ppm_per_density
+        density = sim.gas.gases[n].cells(sim.t)
+        assert density is not None
+        cells = density * sim.gas.species[n].ppm_per_density
     i, j = (int(value / sim.grid.dx) for value in (x, y))
     if sim.grid.dim == 2:
         return float(cells[i, j])
