@@ -7,6 +7,7 @@ import numpy as np
 
 from taichi_plume.observed import planes
 from taichi_plume.observed.planes import Lattice, Raster
+from taichi_plume.observed.quantities import Quantity
 from taichi_plume.observed.views import View, layout, samples_of
 from taichi_plume.time_loop import Every, TimeLoop
 
@@ -50,10 +51,7 @@ class Observer:
         pictures: dict[str, np.ndarray] = {}
         for view in self.views if views is None else views:
             quantity, sample = view.quantity, self.samples[view.name]
-            finer = isinstance(sample, Lattice) or sample.samples != tuple(
-                sim.grid.shape[d] for d in view.plane.axes
-            )
-            if finer:
+            if sample.finer:
                 assert quantity.points is not None
                 values = quantity.points(sim, self._places(view.name, sample))
                 pictures[view.name] = sample.of_samples(values) if isinstance(sample, Raster) else values
@@ -66,20 +64,17 @@ class Observer:
             else:
                 pictures[view.name] = sample.of_cells(cells[quantity.key])
             if view.plane.over_height:  # slices that are finer than cells may show more
-                for other in self._finer_slices(view, sim):
+                for other in self._finer_slices(view.quantity):
                     if other in pictures:
                         peaks = planes.largest(pictures[other], pictures[view.name].shape)
                         pictures[view.name] = np.fmax(pictures[view.name], peaks)
         return pictures
 
-    def _finer_slices(self, column: View, sim: TimeLoop) -> list[str]:
+    def _finer_slices(self, quantity: Quantity) -> list[str]:
         return [
             view.name
             for view in self.views
-            if view.quantity is column.quantity
-            and view.plane.letters == "xy"
-            and not view.plane.over_height
-            and self.samples[view.name].samples != sim.grid.shape[:2]  # pyright: ignore[reportAttributeAccessIssue]
+            if view.quantity is quantity and view.plane.letters == "xy" and self.samples[view.name].finer
         ]
 
     def _places(self, name: str, sample: Raster | Lattice) -> np.ndarray:

@@ -129,13 +129,14 @@ def _apart(levels: Sequence[float], distance: float) -> list[float]:
 class Raster:
     """Pixels of a plane on a grid: at most MOST_PIXELS along each axis; a pixel is the largest covered value.
 
-    split: samples per cell along each axis, of a quantity known between the cells' centres; details: pixels per cell of
-    such a quantity, within MOST_PIXELS. shape: number of pixels; cell, origin: size of a pixel and lower left corner,
-    along the plane's axes [m]. Voxels of VOLUME are twice as wide as cells, at most MOST_VOXELS along each axis.
+    split: samples per cell along each axis, of a quantity known between the cells' centres; finer: whether more than
+    one; details: pixels per cell of such a quantity, within MOST_PIXELS. shape: number of pixels; cell, origin: size of
+    a pixel and lower left corner, along the plane's axes [m]. Voxels of VOLUME are twice as wide as cells, at most
+    MOST_VOXELS along each axis.
     """
 
     def __init__(self, plane: Plane, grid: Grid, solid: np.ndarray, split: int = 1, details: int = 1):
-        self.plane, self.grid = plane, grid
+        self.plane, self.grid, self.finer = plane, grid, split > 1
         cells = [grid.shape[d] for d in plane.axes]
         self.block = split // details
         if max(cells) * details > MOST_PIXELS and plane.name != "cells":
@@ -195,12 +196,13 @@ class Raster:
 class Lattice:
     """Positions of the wind arrows of a plane. shape: their number, cell: their distance [m], along the plane's axes.
 
-    origin: lower left corner [m]; points: positions (*shape, dim) [m]; step: distance by which arrows are scaled [m].
+    finer: True, as no cell has its centre there. origin: lower left corner [m]; points: positions (*shape, dim) [m];
+    step: distance by which arrows are scaled [m].
     """
 
     def __init__(self, plane: Plane, extent: Sequence[float]):
         sides = [extent[d] for d in plane.axes]
-        self.plane, self.step = plane, hypot(*sides) / ARROWS
+        self.plane, self.step, self.finer = plane, hypot(*sides) / ARROWS, True
         self.shape = tuple(max(1, round(length / self.step)) for length in sides)
         self.cell = tuple(length / n for length, n in zip(sides, self.shape, strict=True))
         self.origin = (0.0,) * len(sides)
