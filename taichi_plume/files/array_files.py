@@ -1,23 +1,14 @@
 """Opening of arrays in files of other programs by their content: Zarr, NetCDF, HDF5, MATLAB 7.3 and NumPy."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from taichi_plume.files.stored_arrays import (
-    ArrayFileError,
-    Beside,
-    StoredArray,
-    chosen,
-    cubes,
-    flat,
-    groups_of,
-    is_beside,
-    plain,
-)
+from taichi_plume.files.stored_arrays import ArrayFileError, StoredArray, plain, stored_array
 from taichi_plume.files.zarr_groups import FAULTS, Group, GroupError
 from taichi_plume.guard.safe_open import open_regular, unopenable
 
@@ -64,32 +55,19 @@ def _require_unnamed(path: Path, variable: str | None) -> None:
 
 
 def _zarr(path: Path, variable: str | None, usual: Sequence[str]) -> StoredArray:
-    given, name = (variable or "").strip("/") or None, ""
     try:
-        groups = _zarr_groups(path, given)
+        groups = _zarr_groups(path, (variable or "").strip("/") or None)
     except GroupError as error:
         raise ArrayFileError(str(error)) from None
     except FAULTS:
         raise ArrayFileError(f"{path}: is neither an array nor a group of Zarr that can be read") from None
     if groups[""].names == [""]:
         _require_unnamed(path, variable)
-    else:
-        names = [f"{place}/{each}".strip("/") for place, group in groups.items() for each in group.names]
-        shapes = {each: _shape(*_within(groups, each)) for each in names}
-        name = chosen(path, sorted(names) if given else cubes(shapes), given, usual)
-    group, own = _within(groups, name)
-    array = group[own]
-    axes = _zarr_axes(array) or ("",) * array.ndim
-    beside, of_file = {}, {}
-    for place in groups_of(name):
-        group = groups[place]
-        of_file |= plain(group.attributes)
-        for each in {*group.names} - {own, ""}:
-            if is_beside(_shape(group, each), array.shape, each in axes):
-                other = group[each]
-                values = flat(np.asarray(other[...]))
-                beside[each] = Beside(values, _zarr_attributes(other), _zarr_axes(other))
-    return StoredArray(array, array.chunks, "Zarr", _zarr_attributes(array), of_file, axes, beside, name)
+    names = [(place, own) for place, group in groups.items() for own in group.names]
+    opened = {f"{place}/{own}".strip("/"): partial(groups[place].__getitem__, own) for place, own in names}
+    return stored_array(
+        path, "Zarr", opened, _zarr_about, lambda place: groups[place].attributes, variable, usual
+    )
 
 
 def _zarr_groups(path: Path, given: str | None) -> dict[str, Group]:
@@ -112,21 +90,11 @@ def _zarr_groups(path: Path, given: str | None) -> dict[str, Group]:
     return groups
 
 
-def _within(groups: Mapping[str, Group], name: str) -> tuple[Group, str]:
-    place, _, own = name.rpartition("/")
-    return groups[place], own
-
-
-def _zarr_axes(array: Any) -> tuple[str, ...]:
-    """Return the names of a Zarr array's axes, "" for one without; () without any."""
-    names = getattr(array.metadata, "dimension_names", None) or array.attrs.get("_ARRAY_DIMENSIONS") or ()
-    return tuple(str(name or "") for name in names) if len(names) == array.ndim and any(names) else ()
-
-
-def _zarr_attributes(array: Any) -> dict[str, Any]:
-    """Return the attributes of a Zarr array, with its fill value as xarray writes it."""
+def _zarr_about(array: Any) -> tuple[tuple[str, ...], dict[str, Any]]:
+    """Return the names of a Zarr array's axes, () without any, and its attributes with the fill value as of xarray."""
     known = plain(dict(array.attrs))
-    known.pop("_ARRAY_DIMENSIONS", None)
+    listed = known.pop("_ARRAY_DIMENSIONS", None)
+    names = getattr(array.metadata, "dimension_names", None) or (() if listed is None else listed)
     if isinstance(known.get("_FillValue"), str):  # base64 in Zarr 3
         from xarray.backends.zarr import FillValueCoder
 
@@ -134,38 +102,19 @@ def _zarr_attributes(array: Any) -> dict[str, Any]:
             known["_FillValue"] = FillValueCoder.decode(known["_FillValue"], array.dtype)
     if array.metadata.zarr_format == 2 and array.fill_value:  # a 0 counts as 0 either way
         known.setdefault("_FillValue", array.fill_value)
-    return known
-
-
-def _shape(group: Group, name: str) -> tuple[int, ...]:
-    try:
-        return tuple(group[name].shape)
-    except FAULTS:  # reported if this array is chosen
-        return ()
+    is_named = len(names) == array.ndim and any(names)
+    return tuple(str(name or "") for name in names) if is_named else (), known
 
 
 def _netcdf3(path: Path, variable: str | None, usual: Sequence[str]) -> StoredArray:
     from scipy.io import netcdf_file
 
     file = netcdf_file(path, "r", mmap=False, maskandscale=False)  # closing a map of memory warns
-    arrays = file.variables
-    names = sorted(arrays) if variable else cubes({name: of.data.shape for name, of in arrays.items()})
-    own = chosen(path, names, variable, usual)
-    array = arrays[own]
-    axes = tuple(str(name) for name in array.dimensions)
-    beside = {
-        name: Beside(
-            flat(np.array(other.data)), _netcdf3_attributes(other), tuple(map(str, other.dimensions))
-        )
-        for name, other in arrays.items()
-        if name != own
-        and other.data.dtype.kind in "fiu"
-        and is_beside(other.data.shape, array.data.shape, name in axes)
-    }
-    values, of_file = array.data, _netcdf3_attributes(file)
-    chunks = (1, *values.shape[1:])
-    return StoredArray(values, chunks, "NetCDF", _netcdf3_attributes(array), of_file, axes, beside, own)
+    names = {id(array.data): name for name, array in file.variables.items()}
+    opened = {name: partial(getattr, array, "data") for name, array in file.variables.items()}
 
+    def about(values: np.ndarray) -> tuple[tuple[str, ...], dict[str, Any]]:
+        array = file.variables[names[id(values)]]
+        return tuple(map(str, array.dimensions)), vars(array)["_attributes"]
 
-def _netcdf3_attributes(item: Any) -> dict[str, Any]:
-    return plain(vars(item)["_attributes"])
+    return stored_array(path, "NetCDF", opened, about, lambda _: vars(file)["_attributes"], variable, usual)

@@ -7,7 +7,6 @@ CF conventions 1.11: `units`, `scale_factor`, `add_offset`, `_FillValue`, `missi
 """
 
 import re
-import warnings
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -18,27 +17,14 @@ import numpy as np
 from taichi_plume.quantities import conversion
 
 SENTINELS = (
-    -999.0,
-    -9999.0,
-    -99999.0,
-    -999999.0,
-    -9999999.0,
-    -999.25,
-    -999.9,
-    -9999.9,
-    1e20,
-    9.969209968386869e36,
-)
+    -999.0, -9999.0, -99999.0, -999999.0, -9999999.0, -999.25, -999.9, -9999.9,
+    1e20, 9.969209968386869e36,
+)  # fmt: skip
 """Values that loggers and models write for "no value"; the last are those of NetCDF and of climate models."""
 UNIT_AT_END = re.compile(r"^(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}]$")  # X (mm), u [ m s^-1 ]
 BEFORE_UNIT = re.compile(r"_|\s+in\s+|\s*[,/]\s*|\s+")  # x_mm, x in mm, x/mm, "x, mm", x mm
 SPELLINGS = {
-    "m_s": "m/s",
-    "cm_s": "cm/s",
-    "mm_s": "mm/s",
-    "km_h": "km/h",
-    "mg_m3": "mg/m3",
-    "ug_m3": "ug/m3",
+    unit.replace("/", "_"): unit for unit in ("m/s", "cm/s", "mm/s", "km/h", "mg/m3", "ug/m3")
 }  # u_m_s
 SUFFIXES = {"m", "cm", "mm", "km", "in", "ft", "s", "sec", "ms", "us", "min", "h", "ppm", "ppb", "ppt", "m/s", "cm/s",
             "mm/s", "km/h", "mps"}  # fmt: skip
@@ -53,45 +39,14 @@ DATE = re.compile(  # of UDUNITS: 2026-1-1 0:0:0.5 +01:00
     re.IGNORECASE,
 )
 ROLES = {
-    "time": (
-        *(
-            "time",
-            "times",
-            "t",
-            "tt",
-            "nt",
-            "tau",
-            "frame",
-            "frames",
-            "nframes",
-            "step",
-            "timestep",
-            "time_step",
-        ),
-        *("valid_time", "time_counter"),
-    ),
-    "z": (
-        "z",
-        "zz",
-        "nz",
-        "zc",
-        "height",
-        "altitude",
-        "elevation",
-        "lev",
-        "level",
-        "levels",
-        "depth",
-        "bottom_top",
-    ),
-    "y": (
-        *("y", "yy", "ny", "yc", "row", "rows", "nrows", "northing", "lat", "latitude", "south_north"),
-        *("crosswind", "spanwise", "projection_y_coordinate"),
-    ),
-    "x": (
-        *("x", "xx", "nx", "xc", "col", "cols", "column", "columns", "ncols", "easting", "lon", "longitude"),
-        *("west_east", "downwind", "streamwise", "width", "projection_x_coordinate"),
-    ),
+    role: tuple(names.split())
+    for role, names in {
+        "time": "time times t tt nt tau frame frames nframes step timestep time_step valid_time time_counter",
+        "z": "z zz nz zc height altitude elevation lev level levels depth bottom_top",
+        "y": "y yy ny yc row rows nrows northing lat latitude south_north crosswind spanwise projection_y_coordinate",
+        "x": "x xx nx xc col cols column columns ncols easting lon longitude west_east downwind streamwise width "
+        "projection_x_coordinate",
+    }.items()
 }
 """Names and standard names of axes."""
 BESIDE_NAMES = re.compile(  # words beside the name of an axis: x_position, grid_latitude, "position in x"
@@ -217,42 +172,35 @@ def is_missing(values: np.ndarray, others: Sequence[float] = ()) -> np.ndarray:
     return ~np.isfinite(values) | np.isin(values, [*SENTINELS, *others])
 
 
-PACKING = ("scale_factor", "add_offset", "_FillValue", "missing_value", "_Unsigned")
-
-
 def unpacked(values: np.ndarray, attributes: Mapping[str, Any]) -> np.ndarray:
     """Return an array's values as floats, unpacked by its attributes as CF says; missing values are NaN.
 
-    Raises ConventionError if the attributes are no numbers.
+    Numbers in attributes may be texts. Raises ConventionError if an attribute is no number.
     """
-    known = {name: attributes[name] for name in PACKING if name in attributes}
-    result = np.asarray(values)
-    limits = _limits(attributes)
-    outside = (result < limits[0]) | (result > limits[1]) if limits else None
-    if known:
-        import xarray
-
-        variable = xarray.Variable([f"d{n}" for n in range(result.ndim)], result, known)
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of several values that mean none
-                coded = xarray.conventions.decode_cf_variable("array", variable, decode_times=False)
-            result = np.asarray(coded.values)
-        except (TypeError, ValueError) as error:
-            raise ConventionError(f"its packing ({', '.join(known)}) cannot be read: {error}") from None
-    result = result.astype(float)
-    return result if outside is None else np.where(outside, np.nan, result)
+    raw = stored = np.asarray(values)
+    sign = {"true": "iu", "false": "ui"}.get(text_of(attributes.get("_Unsigned", "")).lower(), "")
+    if sign[:1] == raw.dtype.kind:
+        stored = raw.view(raw.dtype.str.replace(*sign))
+    limits = _numbers(attributes, "valid_range", (-np.inf, np.inf))
+    low, high = (_numbers(attributes, f"valid_{end}", limits[n:])[0] for n, end in enumerate(("min", "max")))
+    none = (stored < low) | (stored > high)
+    for name in ("_FillValue", "missing_value"):
+        known = _numbers(attributes, name, ())
+        known = known.astype(raw.dtype) if raw.dtype.kind == "f" else known
+        none |= np.isin(raw, known) | np.isin(stored, known)
+    scale, offset = (
+        _numbers(attributes, *each)[0] for each in (("scale_factor", [1.0]), ("add_offset", [0.0]))
+    )
+    return np.where(none, np.nan, scale * stored.astype(float) + offset)
 
 
-def _limits(attributes: Mapping[str, Any]) -> tuple[float, float] | None:
-    """Return the smallest and largest valid stored value, by valid_range or valid_min and valid_max; else None."""
+def _numbers(attributes: Mapping[str, Any], name: str, usual: Sequence[float]) -> np.ndarray:
+    """Return the numbers (n,) of an attribute, which may be texts, or the usual ones. Raises ConventionError."""
+    stated = attributes.get(name, ())
     try:
-        low, high = np.ravel(attributes.get("valid_range", (-np.inf, np.inf))).astype(float)
-        low = float(np.ravel(attributes.get("valid_min", low))[0])
-        high = float(np.ravel(attributes.get("valid_max", high))[0])
+        return np.ravel(stated if np.size(stated) else usual).astype(float)
     except (TypeError, ValueError):
-        raise ConventionError("its valid_range, valid_min or valid_max are no numbers") from None
-    return None if (low, high) == (-np.inf, np.inf) else (low, high)
+        raise ConventionError(f"its {name} is '{text_of(stated)[:40]}', which is no number") from None
 
 
 def text_of(value: Any) -> str:

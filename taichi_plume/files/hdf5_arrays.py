@@ -7,23 +7,12 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from taichi_plume.files.conventions import text_of
-from taichi_plume.files.stored_arrays import (
-    ArrayFileError,
-    Beside,
-    StoredArray,
-    Values,
-    among,
-    chosen,
-    cubes,
-    flat,
-    groups_of,
-    is_beside,
-    plain,
-)
+from taichi_plume.files.stored_arrays import ArrayFileError, StoredArray, Values, stored_array
 from taichi_plume.guard.sandbox import MIB, ConfinedError, ConfinedProcess, Limits
 from taichi_plume.guard.terminal import visible
 
@@ -55,34 +44,27 @@ def _layout(
     import h5py
 
     file = h5py.File(path, "r")
-    arrays = dict(_datasets(file))
-    given = (variable or "").strip("/") or None
-    names = sorted(arrays) if given else cubes({name: array.shape for name, array in arrays.items()})
-    array = arrays[chosen(path, names, given, usual)]
-    name = array.name.strip("/")
-    _require_plain(path, array)
-    axes = tuple(_axis_of(array, n) for n in range(array.ndim))
-    near = {own: arrays[whole] for own, whole in among(name, list(arrays)).items()}
-    for axis in array.dims:
-        near |= {scale.name.rpartition("/")[2]: scale for scale in axis.values()}
-    beside = {}
-    for own, other in near.items():
-        is_filler = text_of(other.attrs.get("NAME", "")).startswith(NO_VARIABLE)
-        if other.dtype.kind in "fiu" and is_beside(other.shape, array.shape, own in axes) and not is_filler:
-            _require_plain(path, other)
-            along = tuple(filter(None, (_axis_of(other, n) for n in range(other.ndim))))
-            beside[own] = Beside(flat(other[...]), plain(dict(other.attrs)), along)
-    form = "MATLAB" if is_matlab else "NetCDF" if "_NCProperties" in file.attrs or any(axes) else "HDF5"
-    of_file = {}
-    for group in groups_of(name):
-        of_file |= plain(dict(file[group or "/"].attrs))
-    chunks = array.chunks or (1, *array.shape[1:])
-    attributes = plain(dict(array.attrs))
-    return name, StoredArray(None, chunks, form, attributes, of_file, axes, beside, name)
+
+    def about(array: Any) -> tuple[tuple[str, ...], dict[str, Any]]:
+        _require_plain(path, array)
+        axes = tuple(_axis_of(array, n) for n in range(array.ndim))
+        return axes if any(axes) else (), dict(array.attrs)
+
+    def scales(array: Any) -> dict[str, str]:
+        known = [scale.name.strip("/") for axis in array.dims for scale in axis.values()]
+        return {name.rpartition("/")[2]: name for name in known if name in opened}
+
+    opened = {name: partial(file.__getitem__, name) for name in _datasets(file)}
+    stored = stored_array(
+        path, "", opened, about, lambda group: dict(file[group or "/"].attrs), variable, usual, scales
+    )
+    is_netcdf = "_NCProperties" in file.attrs or any(stored.axes)
+    form = "MATLAB" if is_matlab else "NetCDF" if is_netcdf else "HDF5"
+    return stored.name, replace(stored, values=None, form=form)
 
 
-def _datasets(group: Any, before: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield (path, array) of all arrays of an HDF5 group and below; links to elsewhere are not followed."""
+def _datasets(group: Any, before: str = "") -> Iterator[str]:
+    """Yield the paths of all arrays of an HDF5 group and below; links to elsewhere are not followed."""
     import h5py
 
     for n, name in enumerate(group):
@@ -92,7 +74,8 @@ def _datasets(group: Any, before: str = "") -> Iterator[tuple[str, Any]]:
             continue
         node = group[name]
         if isinstance(node, h5py.Dataset):
-            yield f"{before}{name}", node
+            if not text_of(node.attrs.get("NAME", "")).startswith(NO_VARIABLE):
+                yield f"{before}{name}"
         elif isinstance(node, h5py.Group):
             yield from _datasets(node, f"{before}{name}/")
 

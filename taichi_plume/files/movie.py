@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.files.array_files import open_array
-from taichi_plume.files.conventions import ConventionError, FileFacts, is_missing, span, when
+from taichi_plume.files.conventions import ConventionError, FileFacts, is_missing, span, unpacked, when
 from taichi_plume.files.film import FilmError
 from taichi_plume.files.hdf5_arrays import require_declared_size
 from taichi_plume.files.movie_calibration import Calibration
-from taichi_plume.files.stored_arrays import ArrayFileError, unpack
+from taichi_plume.files.stored_arrays import ArrayFileError
 from taichi_plume.files.zarr_groups import LARGEST_CHUNK, MOST_CHUNKS, errors_as
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.playback import MovieGas
@@ -111,7 +111,7 @@ class Movie:
         """Return pixels as `picture` does, but unclipped; NaN where missing. stored: of frame n."""
         with errors_as(FilmError, self.path, f"frame {n} cannot be unpacked"):
             try:
-                values = unpack(stored, self.stored.attributes)
+                values = unpacked(stored, self.stored.attributes)
             except ConventionError as error:
                 raise FilmError(f"{self.path}: {error}") from None
         values = np.where(is_missing(values) & ~np.isinf(values), np.nan, values) * self.calibration.factor
@@ -169,7 +169,7 @@ class Movie:
             return {}
         limits = np.iinfo(stored.dtype)
         at = {value: stored == value for value in (limits.max, limits.min) if value}
-        valid = unpack(stored, self.stored.attributes)
+        valid = unpacked(stored, self.stored.attributes)
         found = {value: int((mask & ~is_missing(valid)).sum()) for value, mask in at.items()}
         return {value: size for value, size in found.items() if size}
 

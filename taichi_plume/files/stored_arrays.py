@@ -8,7 +8,7 @@ an array in reverse.
 import itertools
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,6 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.files.conventions import (
-    PACKING,
-    ConventionError,
     role_of,
     split_unit,
     text_of,
@@ -105,10 +103,10 @@ class StoredArray:
         found = self.beside.get(name)
         if found is None or found.values.ndim != 1 or len(found.values) not in (count, count + 1):
             return Coordinate()
-        values, stored = unpack(found.values, found.attributes), found.values
+        values, stored = unpacked(found.values, found.attributes), found.values
         bounds = self.beside.get(text_of(found.attributes.get("bounds", "")))
         if bounds is not None and bounds.values.shape == (count, 2):
-            values = unpack(bounds.values, {**found.attributes, **bounds.attributes}).mean(axis=1)
+            values = unpacked(bounds.values, {**found.attributes, **bounds.attributes}).mean(axis=1)
         elif len(values) == count + 1:
             values = (values[1:] + values[:-1]) / 2
         resolution = 0.0
@@ -195,22 +193,54 @@ class StoredArray:
         return min(found)[-1] if found else None
 
 
-def unpack(values: np.ndarray, attributes: Mapping[str, Any]) -> np.ndarray:
-    """Return stored values as floats, unpacked; missing values are NaN. Numbers that are texts count.
+def stored_array(
+    path: Path,
+    form: str,
+    opened: Mapping[str, Callable[[], Values]],
+    about: Callable[[Values], tuple[tuple[str, ...], Mapping[str, Any]]],
+    of_group: Callable[[str], Mapping[str, Any]],
+    variable: str | None,
+    usual: Sequence[str],
+    scales: Callable[[Values], Mapping[str, str]] = lambda _: {},
+) -> StoredArray:
+    """Return the array that `chosen` names, with the arrays of its group and of those above that may be coordinates.
 
-    Raises ConventionError.
+    opened: function that opens each array, by its path in the file; about: function that returns the names of an
+    array's axes, () without names, and its attributes; of_group: attributes of a group; scales: paths of further
+    coordinates of an array. Raises ArrayFileError, and the errors of `opened`.
     """
-    known = dict(attributes)
-    for name in {*PACKING} & {*known} - {"_Unsigned"}:
-        if np.asarray(known[name]).dtype.kind in "USO":
-            try:
-                known[name] = np.array([float(each) for each in np.ravel(known[name])])
-            except (TypeError, ValueError):
-                text = visible(text_of(known[name]), 40)
-                raise ConventionError(f"its {name} is '{text}', which is no number") from None
-        if name in ("scale_factor", "add_offset") and np.size(known[name]) == 1:
-            known[name] = np.ravel(known[name])[0]
-    return unpacked(values, known)
+    given = (variable or "").strip("/") or None
+    arrays = {name: each for name, function in opened.items() if (each := _if_readable(function)) is not None}
+    shapes = {name: tuple(arrays[name].shape) if name in arrays else () for name in opened}
+    name = chosen(path, sorted(shapes) if given else cubes(shapes), given, usual)
+    array = opened[name]()
+    axes, attributes = about(array)
+    near, of_file = {}, {}
+    for group in groups_of(name):
+        of_file |= plain(of_group(group))
+        near |= {each.rpartition("/")[2]: each for each in arrays if each.rpartition("/")[0] == group}
+    beside = {}
+    for own, whole in (near | dict(scales(array))).items():
+        if (
+            whole != name
+            and is_beside(shapes[whole], array.shape, own in axes)
+            and arrays[whole].dtype.kind in "fiu"
+        ):
+            values = np.asarray(arrays[whole][...])
+            values = values.ravel() if values.size == max(values.shape) else values  # MATLAB has (1, n)
+            along, stated = about(arrays[whole])
+            beside[own] = Beside(values, plain(stated), along)
+    chunks = getattr(array, "chunks", None) or (1, *array.shape[1:])
+    return StoredArray(
+        array, chunks, form, plain(attributes), of_file, axes or ("",) * array.ndim, beside, name
+    )
+
+
+def _if_readable(opened: Callable[[], Values]) -> Values | None:
+    try:
+        return opened()
+    except Exception:  # foreign arrays cause any error, which is reported if this array is chosen
+        return None
 
 
 def is_beside(other: Sequence[int], shape: Sequence[int], is_axis: bool) -> bool:
@@ -224,11 +254,6 @@ def is_beside(other: Sequence[int], shape: Sequence[int], is_axis: bool) -> bool
     if size == max(other, default=0):
         return is_axis or (size > 1 and any(size in (n, n + 1) for n in shape))
     return len(other) == 2 and other[1] == 2 and other[0] in shape
-
-
-def flat(values: np.ndarray) -> np.ndarray:
-    """Return values along one axis as (n,), also MATLAB's (1, n); bounds (n, 2) stay."""
-    return values.ravel() if values.size == max(values.shape, default=0) else values
 
 
 def chosen(path: Path, names: list[str], variable: str | None, usual: Sequence[str]) -> str:
@@ -249,16 +274,6 @@ def chosen(path: Path, names: list[str], variable: str | None, usual: Sequence[s
 def cubes(shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
     """Return the names of the arrays with three axes or more, or else of all."""
     return sorted(name for name, shape in shapes.items() if len(shape) > 2) or sorted(shapes)
-
-
-def among(name: str, names: Sequence[str]) -> dict[str, str]:
-    """Return the arrays in the group of array `name` and above by their own names, other than it; near ones count."""
-    found = {}
-    for group in groups_of(name):
-        for each in names:
-            if each.rpartition("/")[0] == group and each != name:
-                found[each.rpartition("/")[2]] = each
-    return found
 
 
 def groups_of(name: str) -> Iterator[str]:

@@ -9,7 +9,7 @@ import xarray
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from taichi_plume.files.conventions import role_of, stated_unit, times_of, unit_of
+from taichi_plume.files.conventions import role_of, stated_unit, times_of, unit_of, unpacked
 from taichi_plume.files.film import FilmError
 from taichi_plume.files.movie import Movie
 from taichi_plume.scenario.domain import Domain
@@ -85,6 +85,22 @@ def test_what_files_state_counts(tmp_path_factory, form, order, signs, length, u
     facts = one.facts()
     assert ("descending" if signs[1] < 0 else "ascending") in facts.text
     assert ("missing" in " ".join(facts.remarks)) == bool(packing)
+
+
+@pytest.mark.parametrize(
+    "attributes",
+    [
+        {"_FillValue": np.int16(-7), "scale_factor": 0.01, "add_offset": 5.0},
+        {"_FillValue": np.int16(-1), "_Unsigned": "true", "scale_factor": np.float32(0.5)},
+    ],
+)
+def test_packed_values_are_those_of_xarray(attributes):
+    values = np.array([-7, -1, 0, 3, 32767], "i2")
+    variable = xarray.Variable("n", values, dict(attributes))
+    truth = xarray.conventions.decode_cf_variable("a", variable).values
+    np.testing.assert_allclose(unpacked(values, attributes), truth, rtol=1e-6)
+    narrow = unpacked(values, {**attributes, "valid_range": [0, 10]})
+    np.testing.assert_array_equal(np.isnan(narrow), np.isnan(truth) | (values < 0) | (values > 10))
 
 
 def test_dates_and_masses(tmp_path):
