@@ -13,6 +13,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from taichi_plume.quantities import conversion
 
@@ -180,7 +181,7 @@ def unpacked(values: np.ndarray, attributes: Mapping[str, Any]) -> np.ndarray:
     raw = stored = np.asarray(values)
     sign = {"true": "iu", "false": "ui"}.get(text_of(attributes.get("_Unsigned", "")).lower(), "")
     if sign[:1] == raw.dtype.kind:
-        stored = raw.view(raw.dtype.str.replace(*sign))
+        stored = raw.view(raw.dtype.str.replace(sign[0], sign[1]))
     limits = _numbers(attributes, "valid_range", (-np.inf, np.inf))
     low, high = (_numbers(attributes, f"valid_{end}", limits[n:])[0] for n, end in enumerate(("min", "max")))
     none = (stored < low) | (stored > high)
@@ -194,7 +195,7 @@ def unpacked(values: np.ndarray, attributes: Mapping[str, Any]) -> np.ndarray:
     return np.where(none, np.nan, scale * stored.astype(float) + offset)
 
 
-def _numbers(attributes: Mapping[str, Any], name: str, usual: Sequence[float]) -> np.ndarray:
+def _numbers(attributes: Mapping[str, Any], name: str, usual: ArrayLike) -> np.ndarray:
     """Return the numbers (n,) of an attribute, which may be texts, or the usual ones. Raises ConventionError."""
     stated = attributes.get(name, ())
     try:

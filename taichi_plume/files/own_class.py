@@ -3,7 +3,6 @@ algorithm, the function of a law of gas or wind.
 """
 
 import ast
-import dis
 import hashlib
 import inspect
 import sys
@@ -15,7 +14,7 @@ from functools import cached_property
 from itertools import count
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 from taichi_plume.guard.safe_open import content_of
 from taichi_plume.guard.terminal import visible
@@ -73,6 +72,9 @@ class OwnFile:
     Raises OwnAlgorithmError if the file cannot be read, is not Python, or certainly lacks the class.
     """
 
+    STATEMENT: ClassVar[type[ast.ClassDef | ast.FunctionDef]] = ast.ClassDef
+    MISSING: ClassVar[str] = "no class '{}' with a method act"
+
     path: Path
     name: str | None
     source: bytes
@@ -96,89 +98,64 @@ class OwnFile:
         return allow if isinstance(allow, bool) else self.digest in allow
 
     def _look(self) -> None:
-        """Raise OwnAlgorithmError if the parsed file certainly lacks the code; a base class may still define `act`."""
+        """Raise OwnAlgorithmError if the file is no Python, or its top level certainly lacks the code."""
         try:
             tree = ast.parse(self.source, str(self.path))
         except UNPARSED as error:
             line, what = (error.lineno, error.msg) if isinstance(error, SyntaxError) else (None, str(error))
             where = f"{self.path}, line {line}" if line else f"{self.path}"
             raise OwnAlgorithmError(f"{where}: {visible(what or 'is nested too deeply')}") from None
-        self._require(list(_at_top(tree)))
+        statements = list(_at_top(tree))
+        if not self._may_hold(statements):
+            raise self._without([each.name for each in statements if isinstance(each, self.STATEMENT)])
 
-    def _require(self, statements: list[ast.AST]) -> None:
-        """Raise OwnAlgorithmError if the statements at the top of the file certainly lack the class."""
-        classes = {node.name: node for node in statements if isinstance(node, ast.ClassDef)}
-        sure = [name for name, node in classes.items() if _acts(node)]
-        maybe = [name for name, node in classes.items() if node.bases or node.decorator_list or name in sure]
-        wrong = not maybe or len(sure) > 1 if self.name is None else self.name not in maybe
-        if wrong:
-            raise self._without(sure)
+    def _may_hold(self, statements: list[ast.AST]) -> bool:
+        """Return whether one of the statements at the top of the file may define the code."""
+        names = [each.name for each in statements if isinstance(each, ast.ClassDef)]
+        return self.name in names if self.name else bool(names)
 
     def execute(self) -> Code:
-        """Execute the user's file, with all rights of the user, and return the algorithm's class."""
-        return self._chosen(self._executed())
-
-    def _executed(self) -> ModuleType:
-        """Return the module that the user's file makes, executed with all rights of the user."""
+        """Execute the user's file, with all rights of the user, and return the code that it defines."""
         module = ModuleType(f"own_algorithm_{self.path.stem}_{self.digest[:8]}")
         module.__file__ = str(self.path)
         sys.modules[module.__name__] = module  # for `inspect` and `dataclass`
         with failures_named(self.path):
             exec(compile(self.source, str(self.path), "exec", dont_inherit=True), module.__dict__)
-        return module
+        found = {name: value for name, value in vars(module).items() if self._is_code(value, module.__name__)}
+        name = self.name or (next(iter(found)) if len(found) == 1 else "")
+        if name not in found:
+            raise self._without(list(found))
+        return found[name]
 
-    def _chosen(self, module: ModuleType) -> Code:
-        """Return the class of the algorithm in the executed file."""
-        own = {
-            key: value
-            for key, value in vars(module).items()
-            if isinstance(value, type) and value.__module__ == module.__name__ and issubclass(value, Acts)
-        }
-        if self.name is not None and self.name in own:
-            return own[self.name]
-        if self.name is None and len(own) == 1:
-            return next(iter(own.values()))
-        raise self._without(list(own))
+    def _is_code(self, value: object, module: str) -> bool:
+        return isinstance(value, type) and value.__module__ == module and issubclass(value, Acts)
 
     def _without(self, there: list[str]) -> OwnAlgorithmError:
-        missing = f"no class '{visible(self.name, 100)}'" if self.name else "not exactly one class"
+        missing = (
+            self.MISSING.format(visible(self.name, 100))
+            if self.name
+            else "not exactly one class with a method act"
+        )
         names = visible(", ".join(there) or "none", 400)
-        return OwnAlgorithmError(f"{self.path}: holds {missing} with a method act; there are: {names}")
+        return OwnAlgorithmError(f"{self.path}: holds {missing}; there are: {names}")
 
 
 class LawFile(OwnFile):
     """Python file with a user-written law of gas or wind: the function called `name`."""
 
-    def _require(self, statements: list[ast.AST]) -> None:
-        named = [node for node in statements if isinstance(node, ast.FunctionDef | ast.ClassDef)]
-        assigned = [
-            name.id
-            for node in statements
-            if isinstance(node, ast.Assign | ast.AnnAssign)
-            for name in ast.walk(node)
-            if isinstance(name, ast.Name) and isinstance(name.ctx, ast.Store)
-        ]
-        imports = [
-            alias.asname or alias.name
-            for node in statements
-            if isinstance(node, ast.Import | ast.ImportFrom)
-            for alias in node.names
-        ]
-        names = [*(node.name for node in named), *assigned, *imports]
-        if self.name not in names and "*" not in names:
-            raise self._without([node.name for node in named if isinstance(node, ast.FunctionDef)])
+    STATEMENT, MISSING = ast.FunctionDef, "no function '{}'"
 
-    def _chosen(self, module: ModuleType) -> Code:
-        law = vars(module).get(self.name or "")
-        if isinstance(law, type) or not callable(law):
-            raise self._without([key for key, value in vars(module).items() if inspect.isfunction(value)])
-        return law
+    def _may_hold(self, statements: list[ast.AST]) -> bool:
+        names = [each.name for each in statements if isinstance(each, ast.FunctionDef | ast.ClassDef)]
+        for each in statements:
+            if isinstance(each, ast.Assign | ast.AnnAssign):
+                names += [name.id for name in ast.walk(each) if isinstance(name, ast.Name)]
+            elif isinstance(each, ast.Import | ast.ImportFrom):
+                names += [alias.asname or alias.name for alias in each.names]
+        return self.name in names or "*" in names
 
-    def _without(self, there: list[str]) -> OwnAlgorithmError:
-        names = visible(", ".join(there) or "none", 400)
-        return OwnAlgorithmError(
-            f"{self.path}: holds no function '{visible(self.name or '', 100)}'; there are: {names}"
-        )
+    def _is_code(self, value: object, module: str) -> bool:
+        return callable(value) and not isinstance(value, type)
 
 
 def _at_top(node: ast.AST) -> Iterator[ast.AST]:
@@ -190,43 +167,15 @@ def _at_top(node: ast.AST) -> Iterator[ast.AST]:
             yield from _at_top(child)
 
 
-def _acts(node: ast.ClassDef) -> bool:
-    """Return whether a parsed class itself defines `act`, as a function or by assignment."""
-    functions = [statement.name for statement in node.body if isinstance(statement, ast.FunctionDef)]
-    assigned = [
-        target for statement in node.body if isinstance(statement, ast.Assign) for target in statement.targets
-    ]
-    return "act" in (*functions, *(target.id for target in assigned if isinstance(target, ast.Name)))
-
-
-# ---------------------------------------------------------------- failures
-
-
 @contextmanager
 def failures_named(path: Path) -> Iterator[None]:
     """Context that raises errors of the user's file, also SystemExit, as OwnAlgorithmError; Ctrl-C passes."""
     try:
         yield
-    except OwnAlgorithmError:
+    except (OwnAlgorithmError, KeyboardInterrupt):
         raise
     except BaseException as error:
-        if isinstance(error, Exception | SystemExit | GeneratorExit) or _raised_in(error, path):
-            raise OwnAlgorithmError(_one_line(error, path)) from error
-        raise
-
-
-def _raised_in(error: BaseException, path: Path) -> bool:
-    """Return whether a `raise` statement in the file at `path` caused the error, rather than a signal."""
-    last = error.__traceback__
-    while last is not None and last.tb_next is not None:
-        last = last.tb_next
-    if last is None:
-        return False
-    code = last.tb_frame.f_code
-    return (
-        Path(code.co_filename).name == path.name
-        and dis.opname[code.co_code[last.tb_lasti]] == "RAISE_VARARGS"
-    )
+        raise OwnAlgorithmError(_one_line(error, path)) from error
 
 
 def _one_line(error: BaseException, path: Path) -> str:

@@ -124,7 +124,6 @@ def test_without_a_file_a_class_has_to_be_handed_over(path):
     [
         ("if robots.t > 1: raise ValueError('\\x1b[2J')", r"upwind.py, line 4: ValueError: \x1b[2J"),
         ("raise SystemExit(0)", "upwind.py, line 4: SystemExit: 0"),
-        ("raise KeyboardInterrupt", "upwind.py, line 4: KeyboardInterrupt"),
     ],
 )
 def test_a_failure_is_reported_and_what_was_computed_is_kept(path, capsys, act, reported):
