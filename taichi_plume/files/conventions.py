@@ -73,8 +73,16 @@ class FileFacts:
 
 
 def span(what: str, low: float, high: float, unit: str = "m") -> str:
-    """Return a range as text, such as "x 0 to 4 m"; without a name such as "2 to 3 s"."""
-    return f"{what} {low:.6g} to {high:.6g} {unit}".strip()
+    """Return a range as text, such as "x 0 to 4 m", to a micrometre and seven digits."""
+    low, high = (round(float(end), 6) + 0.0 for end in (low, high))
+    return f"{what} {low:.7g} to {high:.7g} {unit}"
+
+
+def spans(low: ArrayLike, high: ArrayLike) -> str:
+    """Return the box between two corners [m] as text, such as "x 0 to 4 m, y 0 to 2.5 m"."""
+    return ", ".join(
+        span(axis, *ends) for axis, *ends in zip("xyz", np.ravel(low), np.ravel(high), strict=False)
+    )
 
 
 def when(times: np.ndarray) -> str:

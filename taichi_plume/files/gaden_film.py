@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.files import gaden
-from taichi_plume.files.conventions import FileFacts
+from taichi_plume.files.conventions import FileFacts, spans, when
 from taichi_plume.files.film import FilmError
 from taichi_plume.files.gaden_results import GASES
 from taichi_plume.files.wind_points import WindFileError, find
@@ -314,15 +314,11 @@ class GadenFilm:
 
     def facts(self) -> FileFacts:
         """Return what was read of the results, in their coordinates, and what was assumed."""
-        count, low = len(self.times), self.first.low
-        when = f"{count} times 0 to {self.times[-1]:.6g} s" if count > 1 else "one time, which holds"
-        step = f", {self.times[1]:.4g} s apart" if count > 1 else ""
         form = "filaments" if self.first.ppm is None else "concentrations"
-        box = ", ".join(f"{x} {a:.6g} to {b:.6g} m" for x, a, b in zip("xyz", low, self.high, strict=True))
         cells = f"{' x '.join(map(str, self.first.shape))} cells of {self.first.edge:g} m"
         corner = ", ".join(f"{x:.6g}" for x in self.origin)
         return FileFacts(
-            f"{when}{step}; {form} of {self.gas} on {cells}, {self.largest:.4g} ppm at most in the first and last, "
-            f"{box}; the domain begins at ({corner})",
+            f"{when(self.times)}; {form} of {self.gas} on {cells}, {self.largest:.4g} ppm at most in the first and "
+            f"last, {spans(self.first.low, self.high)}; the domain begins at ({corner})",
             tuple(self.remarks),
         )

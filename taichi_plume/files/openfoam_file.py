@@ -29,9 +29,13 @@ MOST_EQUAL = 1000  # entries of a list with one value for all, if their number i
 COMMENT = re.compile(rb"/(?:/[^\n]*|\*.*?(?:\*/|\Z))", re.DOTALL)
 SKIPPED = re.compile(rb"\s++|//[^\n]*+|/\*.*?(?:\*/|\Z)", re.DOTALL)
 HEADER = re.compile(rb"FoamFile\s*+\{([^{}]*+)\}")
-WORD = re.compile(rb'"([^"]*)"|(;)|([^\s;"]+)')
+ENTRY = re.compile(rb'(\w++)\s++("[^"]*+"|[^\s;"]++)\s*+;')  # key value;
 LIST = re.compile(rb"\s*+(\d{1,10})\s*+([({])")
 ENDS = {True: re.compile(rb"\)\s*\)"), False: re.compile(rb"\)")}  # of a list of lists, of one of numbers
+EQUAL_END = re.compile(rb"\}")
+FACE = re.compile(
+    rb"(\d{1,9}+)\s*+\("
+)  # the number of entries and the start of a list, or of the vertices of a face
 BLANK = bytes.maketrans(b"()", b"  ")
 NONE = re.compile(rb"\s*+0(?!\d|\.|\s*+[({])")  # a list without entries, as binary files have it
 DIMENSIONS = re.compile(rb"\bdimensions\s++\[([^\]\n]{0,200})\]")
@@ -110,39 +114,28 @@ class FoamFile:
 
     def labels(self) -> np.ndarray:
         """Return a list of integers (labels of OpenFOAM), such as the owner cells of faces."""
-        values = self._list(0, self.label, 1)[0]
-        self._require_labels(values)
-        return values.astype(np.int64)
+        return self._labels(self._list(0, self.label, 1)[0])
 
-    def _require_labels(self, values: np.ndarray) -> None:
-        if not (np.abs(values) < LARGEST_LABEL).all():
+    def _labels(self, values: np.ndarray | None) -> np.ndarray:
+        if values is None or not (np.abs(values) < LARGEST_LABEL).all():
             raise self.wrong("its list holds what is no label of a mesh")
+        return values.astype(np.int64)
 
     def faces(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the vertices of all mesh faces, concatenated, and for each face the index of its end in them."""
         if self.binary and self.kind != "faceCompactList":
             raise self.wrong("is a binary list of another class than faceCompactList")
-        if self.binary or self.kind == "faceCompactList":
+        if self.kind == "faceCompactList":
             ends, end = self._list(0, self.label, 1)
-            flat, _ = self._list(end, self.label, 1)
-            ends, flat = ends.astype(np.int64)[1:], flat.astype(np.int64)
-            if not len(ends) and not len(flat):
-                return flat, ends
+            ends, flat = self._labels(ends)[1:], self._labels(self._list(end, self.label, 1)[0])
+            count = len(ends)
         else:
-            count, values, _ = self._text(0, 0)
-            if not count and not len(values):
-                return np.empty(0, np.int64), np.empty(0, np.int64)
-            self._require_labels(values)
-            sizes, at = [], 0
-            for _ in range(count):
-                if at >= len(values) or values[at] < 3 or values[at] != int(values[at]):
-                    raise self.wrong("the list of faces is truncated or damaged")
-                sizes.append(int(values[at]))
-                at += sizes[-1] + 1
-            heads = np.cumsum([0, *sizes[:-1]]) + np.arange(count)
-            ends = np.cumsum(sizes)
-            flat = np.delete(values, heads).astype(np.int64) if at == len(values) else np.empty(0, np.int64)
-        if not len(ends) or (np.diff(ends, prepend=0) < 3).any() or ends[-1] != len(flat):
+            body = self.body if LIST.match(self.body) else b"0("
+            count, *sizes = map(int, FACE.findall(body))
+            ends, flat = np.cumsum(sizes, dtype=np.int64), self._labels(_numbers(FACE.sub(b" ", body)))
+        if not count and not len(flat):
+            return flat, ends
+        if len(ends) != count or (np.diff(ends, prepend=0) < 3).any() or ends[-1] != len(flat):
             raise self.wrong("the list of faces is truncated or damaged")
         return flat, ends
 
@@ -150,70 +143,32 @@ class FoamFile:
         self, begin: int, kind: np.dtype, width: int, required: int | None = None
     ) -> tuple[np.ndarray, int]:
         """Return the values of the list at position `begin`, and the position after it; required: expected length."""
-        if not self.binary:
-            count, values, end = self._text(begin, width, required)
-            if len(values) != count * width:
-                raise self.wrong(f"its list has {len(values) / width:.6g} of {count} entries; is it whole?")
-            return values, end
-        if empty := NONE.match(self.body, begin):
-            self._require(0, required)
-            return np.empty(0, kind), empty.end()
-        head = LIST.match(self.body, begin)
-        if head is None:
+        empty, head = NONE.match(self.body, begin), LIST.match(self.body, begin)
+        if not empty and head is None:
             raise self.wrong("has no list")
-        self._require(int(head[1]), required)
-        size = int(head[1]) * width * kind.itemsize
-        if head[2] == b"{":  # one value for all
-            self._require_equal(int(head[1]), required)
-            end = head.end() + width * kind.itemsize
-            if self.body[end : end + 1] != b"}":
-                raise self.wrong("its list is truncated or damaged")
-            value = np.frombuffer(self.body, kind, width, head.end())
-            return np.tile(value, int(head[1])), end + 1
-        if self.body[head.end() + size : head.end() + size + 1] != b")":
-            raise self.wrong(f"its list of {int(head[1])} entries is cut or damaged")
-        return np.frombuffer(self.body, kind, int(head[1]) * width, head.end()), head.end() + size + 1
-
-    def _require(self, count: int, required: int | None) -> None:
+        count = int(head[1]) if head else 0
         if required is not None and count != required:
             raise self.wrong(f"has {count} values, but the mesh has {required} cells")
-
-    def _require_equal(self, count: int, required: int | None) -> None:
-        if required is None and count > MOST_EQUAL:
+        if empty or head is None:
+            return np.empty(0, kind), empty.end() if empty else begin
+        is_equal, start = head[2] == b"{", head.end()  # one value for all
+        if is_equal and required is None and count > MOST_EQUAL:
             raise self.wrong(f"its list of {count} equal entries is too long to be that of a mesh")
-
-    def _text(self, begin: int, width: int, required: int | None = None) -> tuple[int, np.ndarray, int]:
-        """Return the stated length of a list in text form, all numbers in it, and the position after the list.
-
-        width: numbers of an entry; 0 for faces, which have any.
-        """
-        if empty := NONE.match(self.body, begin):
-            self._require(0, required)
-            return 0, np.empty(0), empty.end()
-        head = LIST.match(self.body, begin)
-        if head is None:
-            raise self.wrong("has no list")
-        count = int(head[1])
-        self._require(count, required)
-        if head[2] == b"{":  # one value for all
-            self._require_equal(count, required)
-            end = self.body.find(b"}", head.end(), head.end() + 300)
-            value = _numbers(self.body[head.end() : end]) if end > 0 else None
-            if value is None or len(value) != width:
-                raise self.wrong(
-                    f"its list of equal entries must have {width or 'no'} numbers between braces"
-                )
-            return count, np.tile(value, count), end + 1
-        closed = re.compile(rb"\s*\)").match(self.body, head.end())
-        if closed:
-            return count, np.empty(0), closed.end()
-        found = ENDS[width != 1].search(self.body, head.end())
-        if found is None:
-            raise self.wrong("its list is cut")
-        values = _numbers(self.body[head.end() : found.start()])
+        number, close = (width, b"}") if is_equal else (count * width, b")")
+        if self.binary:
+            end = start + number * kind.itemsize
+            is_whole = self.body[end : end + 1] == close
+            values = np.frombuffer(self.body, kind, number, start) if is_whole else np.empty(0)
+        else:
+            match = (EQUAL_END if is_equal else ENDS[width > 1 and count > 0]).search(self.body, start)
+            end = match.end() - 1 if match else len(self.body)
+            values = _numbers(self.body[start:end])
         if values is None:
             raise self.wrong("its list holds what is no number")
-        return count, values, found.end()
+        if self.body[end : end + 1] != close or len(values) != number:
+            found = f"{len(values) / width:.6g} of {1 if is_equal else count}"
+            raise self.wrong(f"its list has {found} entries; is it whole?")
+        return np.tile(values, count) if is_equal else values, end + 1
 
 
 EXPONENTS = {"m/s": (0, 1, -1, 0, 0), "m^2/s": (0, 2, -1, 0, 0)}
@@ -310,8 +265,8 @@ def open_foam(path: Path) -> FoamFile:
     header = HEADER.match(content, _after_comments(content, 0))
     if header is None:
         raise WindFileError(f"{path}: is no file of OpenFOAM: it does not begin with FoamFile")
-    keys = _keys(COMMENT.sub(b"", header[1]))
-    arch = keys.get("arch", "")
+    keys = dict(re.findall(ENTRY, COMMENT.sub(b"", header[1])))
+    arch, kind = (keys.get(key, b"").decode("ascii", "replace").strip('"') for key in (b"arch", b"class"))
     order = ">" if "MSB" in arch else "<"
     label, scalar = (re.search(rf"{name}=(\d+)", arch) for name in ("label", "scalar"))
     sizes = {"32": 4, "64": 8}
@@ -319,10 +274,10 @@ def open_foam(path: Path) -> FoamFile:
         np.dtype(f"{order}{letter}{sizes.get(match[1] if match else default, 8)}")
         for letter, match, default in (("i", label, "32"), ("f", scalar, "64"))
     ]
-    binary = keys.get("format") == "binary"
+    binary = keys.get(b"format") == b"binary"
     body = content[_after_comments(content, header.end()) :]
     body = body if binary else COMMENT.sub(b"", body)
-    return FoamFile(path, body, binary, kinds[0], kinds[1], keys.get("class", ""))
+    return FoamFile(path, body, binary, kinds[0], kinds[1], kind)
 
 
 def dictionary(path: Path) -> dict[str, Any]:
@@ -448,17 +403,3 @@ def _after_comments(content: bytes, at: int) -> int:
     while skipped := SKIPPED.match(content, at):
         at = skipped.end()
     return at
-
-
-def _keys(header: bytes) -> dict[str, str]:
-    """Return the entries `key value;` of an OpenFOAM header; an entry without semicolon is left out."""
-    keys: dict[str, str] = {}
-    words: list[str] = []
-    for quoted, end, word in WORD.findall(header):
-        if not end:
-            words.append((quoted or word).decode("ascii", "replace"))
-            continue
-        if len(words) > 1:
-            keys[words[0]] = " ".join(words[1:])
-        words = []
-    return keys

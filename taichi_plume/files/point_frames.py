@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_plume.files.conventions import ConventionError, FileFacts, span, split_unit
+from taichi_plume.files.conventions import ConventionError, FileFacts, spans, split_unit
 from taichi_plume.files.named_columns import Column, Picked, pick, read_columns
 from taichi_plume.files.tables import Table, TextFile, cells_of, delimiter_of, is_number, listed
 from taichi_plume.guard.safe_open import unopenable
@@ -167,11 +167,8 @@ def _places(file: TextFile, names: Sequence[str]) -> dict[str, Picked]:
 
 def described(frames: PointFrames) -> str:
     """Return a text on the number, period and places of frames of points."""
-    (x, y), count = frames.place.T, len(frames)
-    return (
-        f"{count} frames, {frames.period:g} s apart, {len(frames.place)} points, "
-        f"{span('x', x.min(), x.max())}, {span('y', y.min(), y.max())}"
-    )
+    box = spans(frames.place.min(axis=0), frames.place.max(axis=0))
+    return f"{len(frames)} frames, {frames.period:g} s apart, {len(frames.place)} points, {box}"
 
 
 def _numbered(pattern: Path, frames: int | None) -> list[Path]:

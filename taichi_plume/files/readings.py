@@ -15,7 +15,7 @@ import numpy as np
 
 from taichi_plume.files import bag_readings, bags, manifest
 from taichi_plume.files.bag_readings import BagOptions
-from taichi_plume.files.conventions import ConventionError, FileFacts, iso_times, span, when
+from taichi_plume.files.conventions import ConventionError, FileFacts, iso_times, spans, when
 from taichi_plume.files.named_columns import Column, Picked, cleared, pick, read_columns
 from taichi_plume.files.tables import TextFile, listed, plain
 from taichi_plume.guard.input_error import InputError
@@ -164,16 +164,10 @@ def _facts(readings: Readings, units: str) -> str:
     known = readings.reading[np.isfinite(readings.reading)]
     missing = len(readings.reading) - len(known)
     values = f"{known.min():.4g} to {known.max():.4g} ppm" if len(known) else "no values"
-    (x, y), n = readings.place.T, len(readings.t)
-    parts = [
-        f"{n} readings",
-        when(readings.t),
-        values,
-        span("x", x.min(), x.max()),
-        span("y", y.min(), y.max()),
-    ]
-    parts += [f"{missing} missing" if missing else "none missing", units]
-    return ", ".join(part for part in parts if part)
+    box = spans(readings.place.min(axis=0), readings.place.max(axis=0))
+    none = f"{missing} missing" if missing else "none missing"
+    parts = (f"{len(readings.t)} readings", when(readings.t), values, box, none, units)
+    return ", ".join(filter(None, parts))
 
 
 def _robots(names: list[np.ndarray]) -> np.ndarray | None:

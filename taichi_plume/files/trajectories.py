@@ -2,18 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from taichi_plume.files import bag_readings, bags
 from taichi_plume.files.bag_readings import BagOptions
-from taichi_plume.files.conventions import FileFacts
+from taichi_plume.files.conventions import FileFacts, spans, when
 from taichi_plume.files.readings import MOST
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.safe_open import unopenable
-from taichi_plume.scenario.domain import span
 from taichi_plume.scenario.external import Replay
 
 OF_RUN = ("t", "x", "y", "heading", "reading_ppm")
@@ -24,7 +23,6 @@ KEYS = {  # options of the maps command, and the keys of a scenario
     "--frame": "frame",
     "--units": "units",
 }
-UNIX = 1e8  # s: later times are counted from 1970
 
 
 class WayError(ValueError):
@@ -102,35 +100,23 @@ def facts(ways: Sequence[Way], origins: Sequence[Sequence[float]]) -> FileFacts:
 
     origins: position [m] in the domain of the origin of the frame of each path.
     """
-    first, last = min(way.t[0] for way in ways), max(way.t[-1] for way in ways)
-    start = f"{first:.6g} s"
-    if first > UNIX:
-        start = datetime.fromtimestamp(float(first), UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
-    low, high = (
-        function([function(way.place, axis=0) for way in ways], axis=0) for function in (np.min, np.max)
-    )
+    low, high = (end(np.stack([end(way.place, axis=0) for way in ways]), axis=0) for end in (np.min, np.max))
+    dim = 3 if low[2] or high[2] else 2
     frames = {
         ("the domain" if way.frame is None else f"frame {way.frame}")
         + (f" (origin at ({x:.4g}, {y:.4g}) m of the domain)" if x or y else "")
         for way, (x, y) in zip(ways, origins, strict=True)
     }
-    readings = sum(len(way.ppm) for way in ways)
-    gas = (
-        f"{readings:,} readings of at most {max(way.ppm.max(initial=0.0) for way in ways):.4g} ppm"
-        if readings
-        else ""
-    )
-    text = ", ".join(
-        [
-            f"{len(ways)} robot{'s' if len(ways) > 1 else ''}",
-            f"{last - first:.6g} s from {start}",
-            f"positions in {' and '.join(sorted(frames))}",
-            *(span(axis, a, b) for axis, a, b in zip("xyz", low, high, strict=True) if axis != "z" or a or b),
-            gas or "no readings",
-        ]
-    )
+    ppm = np.concatenate([way.ppm for way in ways])
+    text = [
+        f"{len(ways)} robot{'s' if len(ways) > 1 else ''}",
+        when(np.sort(np.concatenate([way.t for way in ways]))),
+        f"positions in {' and '.join(sorted(frames))}",
+        spans(low[:dim], high[:dim]),
+        f"{len(ppm):,} readings of at most {ppm.max():.4g} ppm" if len(ppm) else "no readings",
+    ]
     assumed = [f"{way.name}: {_by_keys(remark)}" for way in ways for remark in way.remarks]
-    return FileFacts(text, tuple(assumed))
+    return FileFacts(", ".join(text), tuple(assumed))
 
 
 def _by_keys(text: str) -> str:
@@ -140,9 +126,19 @@ def _by_keys(text: str) -> str:
 
 
 def _of_bag(path: Path, options: BagOptions) -> list[Way]:
-    robots = bag_readings.read(path, replace(options, lenient=True))
-    ways = [_way(r.name, r.t, r.place, r.heading, r.read_at, r.ppm) for r in robots]
-    return [replace(way, frame=r.frame, remarks=r.remarks) for way, r in zip(ways, robots, strict=True)]
+    return [
+        _way(
+            robot.name,
+            robot.t,
+            robot.place,
+            robot.heading,
+            robot.read_at,
+            robot.ppm,
+            robot.frame,
+            robot.remarks,
+        )
+        for robot in bag_readings.read(path, replace(options, lenient=True))
+    ]
 
 
 def _of_run(path: Path) -> list[Way]:
@@ -159,10 +155,16 @@ def _of_run(path: Path) -> list[Way]:
 
 
 def _way(
-    name: str, t: np.ndarray, place: np.ndarray, heading: np.ndarray, read_at: np.ndarray, ppm: np.ndarray
+    name: str,
+    t: np.ndarray,
+    place: np.ndarray,
+    heading: np.ndarray,
+    read_at: np.ndarray,
+    ppm: np.ndarray,
+    *more: Any,
 ) -> Way:
     good = np.isfinite(t) & np.isfinite(place).all(axis=1) & np.isfinite(heading)
     t, first = np.unique(t[good], return_index=True)
     known = np.isfinite(ppm) & np.isfinite(read_at)
-    ppm = ppm[known].astype(float)
-    return Way(name, t, place[good][first], np.unwrap(heading[good][first]), read_at[known], ppm)
+    heading = np.unwrap(heading[good][first])
+    return Way(name, t, place[good][first], heading, read_at[known], ppm[known].astype(float), *more)

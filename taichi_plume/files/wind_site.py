@@ -9,7 +9,7 @@ import numpy as np
 from taichi_plume.files import gaden as occupancy
 from taichi_plume.files import gaden_winds, openfoam, openfoam_case
 from taichi_plume.files import wind_points as wind_files
-from taichi_plume.files.conventions import FileFacts
+from taichi_plume.files.conventions import FileFacts, spans, when
 from taichi_plume.files.wind_points import Points, WindFileError
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.interpolation import SAME, Interpolation
@@ -130,24 +130,17 @@ class Site:
 
     def facts(self) -> FileFacts:
         """Return what was read of the files, in their coordinates, and what was assumed."""
-        times, first = [time for time, _ in self.files], self.first
-        if len(times) == 1:
-            when, which = "one time, which holds", ""
-        else:
-            steps = np.diff(times)
-            is_even = np.ptp(steps) < 1e-6 * steps.max()
-            step = f"{steps.min():.4g}{'' if is_even else f' to {steps.max():.4g}'} s"
-            when = f"{len(times)} times {times[0]:.6g} to {times[-1]:.6g} s, {step} apart"
-            which = " in the first and last" if len(times) > 2 else ""
-        low, high = self.low + self.origin, self.high + self.origin
-        ends = [*zip(low, high, strict=True), self.levels][: first.place.shape[1]]
-        box = ", ".join(
-            f"{x} {_rounded(a)} to {_rounded(b)} m" for x, (a, b) in zip("xyz", ends, strict=False)
-        )
-        corner = ", ".join(_rounded(x) for x in self.origin)
+        first, times = self.first, np.array([time for time, _ in self.files])
+        period = when(times) if len(times) > 1 else "one time, which holds"
+        which = " in the first and last" if len(times) > 2 else ""
+        ends = [*zip(self.low + self.origin, self.high + self.origin, strict=True), self.levels]
+        box = spans(*zip(*ends[: first.place.shape[1]], strict=True))
+        corner = ", ".join(f"{round(float(x), 6) + 0.0:.7g}" for x in self.origin)
         more = f"; assumed: {first.assumed}" if first.assumed else ""
         more += "; eddy viscosity nut" if first.eddy_viscosity is not None else ""
-        text = f"{when}; {len(first.place):,} {self.form}, {self.fastest:.3g} m/s at most{which}, {box}{more}"
+        text = (
+            f"{period}; {len(first.place):,} {self.form}, {self.fastest:.3g} m/s at most{which}, {box}{more}"
+        )
         return FileFacts(f"{text}; the domain begins at ({corner})", tuple(self.remarks))
 
     def _check(self, points: Points) -> None:
@@ -184,11 +177,6 @@ class Site:
         if self.first.place.shape[1] > grid.dim:
             axes.append(np.array([self.height]))
         return axes
-
-
-def _rounded(x: float) -> str:
-    """Return a coordinate [m] with at most a micrometre, and seven digits."""
-    return f"{round(float(x), 6) + 0.0:.7g}"
 
 
 def _one_layer(path: Path, axis: str, dim: int) -> str:

@@ -138,7 +138,7 @@ def test_the_time_between_files(tmp_path):
     (tmp_path / "sims/sim.yaml").write_text("saveDeltaTime: 0.8\n")
     found = opened(tmp_path, files="sims/result")
     np.testing.assert_allclose(found.times, [0.0, 0.8, 1.6])
-    assert "3 times 0 to 1.6 s, 0.8 s apart" in found.facts().text
+    assert "1.6 s from 0 s on, 0.8 s apart" in found.facts().text
     np.testing.assert_allclose(opened(tmp_path, files="sims/result", interval=2.0).times, [0.0, 2.0, 4.0])
 
 
@@ -162,7 +162,7 @@ def test_our_export_read_back_has_the_same_place_time_and_value(tmp_path, shape)
     scenario, resources = load(tmp_path / "room.yaml")
     source = np.array([0.3, 0.4, 0.1])[: len(shape)]
     np.testing.assert_allclose(scenario.gases[0][1].sources[0].position, source, atol=1e-6)
-    assert "2 times 0 to 0.5 s, 0.5 s apart" in resources.facts["gas"].text
+    assert "0.5 s from 0 s on, 0.5 s apart" in resources.facts["gas"].text
     read_back = resources.gaden_films["gas"]
     for n in (0, 1):
         values = read_back.frame(n, ["c"])["c"]

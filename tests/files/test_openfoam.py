@@ -12,7 +12,7 @@ from foam_case import Cell, Writer, box, decomposed, prism
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.preparation import load_scenario
-from taichi_plume.files import openfoam, openfoam_file
+from taichi_plume.files import openfoam
 from taichi_plume.files.openfoam import read
 from taichi_plume.files.openfoam_case import Series, is_case, is_time, series
 from taichi_plume.files.openfoam_file import open_foam
@@ -315,7 +315,6 @@ def test_comments_and_quotes_in_a_header(tmp_path):
     body = b"// * //\ninternalField /* here */ uniform (1 2 3); boundaryField { }"
     (tmp_path / "U").write_bytes(header + body)
     np.testing.assert_array_equal(open_foam(tmp_path / "U").field(3, 2), [[1, 2, 3], [1, 2, 3]])
-    assert openfoam_file._keys(b'note "a; b"; arch "LSB;label=32"; x; class vol')["arch"] == "LSB;label=32"
 
 
 ROOM = """

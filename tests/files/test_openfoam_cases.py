@@ -399,7 +399,7 @@ def test_check_prints_what_was_read(tmp_path):
     facts = load(tmp_path / "room.yaml").resources.facts["wind"]
     fastest = 4 * np.linalg.norm(read(tmp_path / "case/2").velocity / 2, axis=1).max()
     for part in (
-        "3 times 0 to 4 s, 2 s apart",
+        "4 s from 0 s on, 2 s apart",
         "24 cell centres",
         f"{fastest:.3g} m/s",
         "x -5 to -3 m",
