@@ -21,7 +21,7 @@ from taichi_plume.files.bag_fields import Field, NumberReader, field_of
 from taichi_plume.files.bag_frames import Frames, Pose, topics_for
 from taichi_plume.files.bag_poses import GAP, Motion, Positions, between, gaps, in_order
 from taichi_plume.files.bag_topics import GAS, WINDS, chosen, measured_poses, robot_name, wind_topic_of
-from taichi_plume.files.bags import Bag, BagError, Sample, Series, confined, opened, stamp_of
+from taichi_plume.files.bags import Bag, BagError, Sample, Series, opened, stamp_of
 from taichi_plume.files.conventions import is_missing, split_unit
 from taichi_plume.files.tables import listed
 from taichi_plume.quantities import SCALES, conversion
@@ -88,12 +88,8 @@ class RecordedRobot:
 
 
 def read(path: Path, options: BagOptions | None = None) -> list[RecordedRobot]:
-    """Return the robots in a ROS bag, read in a child process with limits on memory and time. Raises BagError."""
-    return confined(read_here, path, options or BagOptions())
-
-
-def read_here(path: Path, options: BagOptions) -> list[RecordedRobot]:
-    """Return the robots in a ROS bag, read in this process. Raises BagError."""
+    """Return the robots in a ROS bag. Raises BagError."""
+    options = options or BagOptions()
     with opened(path) as bag:
         if options.lenient and not options.gas and not options.reading and not bag.of_kind(*GAS):
             return _without_gas(bag, options)

@@ -5,27 +5,19 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.tables import LONGEST_TEXT, listed, plain
-from taichi_plume.guard.safe_open import content_of, irregular, unopenable
-from taichi_plume.guard.sandbox import MIB, ConfinedError, ConfinedProcess, Limits
-from taichi_plume.guard.yaml_text import LineError, decode, parse
+from taichi_plume.guard.safe_open import irregular, unopenable
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
 FILES = (".mcap", ".db3", ".bag")
 MOST_MESSAGES = 20_000_000  # of a topic
-LARGEST_METADATA = 1 << 22  # bytes
-LONGEST_METADATA = 1 << 20  # characters of one text in it, such as the qualities of service of a topic
-SECONDS, SECONDS_PER_MIB = 4.0, 20.0  # computing time to read a bag
-MEMORY, MEMORY_PER_BYTE = 512 * MIB, 64
-UNPACKED, UNPACKED_PER_BYTE = 64 * MIB, 200  # limits of compressed files, unpacked on the disk
 FAULTS = (Exception,)  # rosbags raises errors of many kinds, such as of SQLite, decompression and YAML
 OLD_NAMES = {  # of ROS 1, and of older packages
     "olfaction_msgs/msg/gas_sensor": ros.GAS_SENSOR,
@@ -145,47 +137,14 @@ def is_bag(path: Path) -> bool:
     return path.suffix.lower() in FILES or path.is_dir()
 
 
-def confined(function: Callable[..., Any], path: Path, *args: Any) -> Any:
-    """Call function(path, *args) on a bag in a child process with limits, and return its result.
-
-    A bag may be compressed to a thousandth, hold endless queries (SQLite) or sequences of any length. Raises BagError.
-    """
-    check(path)
-    files = [path] if not path.is_dir() else [file for file in path.iterdir() if file.is_file()]
-    try:
-        size = sum(file.stat().st_size for file in files)
-    except OSError as error:
-        raise BagError(f"{path}: cannot be read: {error.strerror or error}") from None
-    unpacked = UNPACKED + UNPACKED_PER_BYTE * size
-    limits = Limits(
-        SECONDS + SECONDS_PER_MIB * size / MIB,
-        MEMORY + MEMORY_PER_BYTE * size,
-        opens=True,
-        written=unpacked // max(1, sum(file.suffix == ".zstd" for file in files)),
-    )
-    with TemporaryDirectory(prefix="taichi_plume_bag_") as folder:  # rosbags unpacks files there
-        try:
-            process = ConfinedProcess(
-                "rosbags.highlevel", function.__module__, environment={"TMPDIR": folder}
-            )
-        except ImportError:
-            raise BagError(f'{path}: bags are read by rosbags: pip install "taichi_plume[ros]"') from None
-        try:
-            return process.call(function, path, *args, limits=limits)
-        except ConfinedError as error:
-            raise BagError(f"{path}: {error} for {size / MIB:.3g} MiB; is it damaged?") from None
-        finally:
-            process.close()
-
-
 @contextmanager
 def opened(path: Path) -> Iterator[Bag]:
-    """Context that opens a bag which passed `check`; for use in a child process, see `confined`.
-
-    Raises BagError, also for errors while the bag is read.
-    """
-    from rosbags.highlevel import AnyReader
-
+    """Context that opens a bag. Raises BagError, also for errors while the bag is read."""
+    check(path)
+    try:
+        from rosbags.highlevel import AnyReader
+    except ImportError:
+        raise BagError(f'{path}: bags are read by rosbags: pip install "taichi_plume[ros]"') from None
     try:
         with AnyReader([path], default_typestore=ros.store()) as reader:
             yield Bag(path, reader)
@@ -198,7 +157,7 @@ def opened(path: Path) -> Iterator[Bag]:
 
 
 def check(path: Path) -> None:
-    """Raise BagError if no ROS bag exists at this path, or its metadata.yaml cannot be read."""
+    """Raise BagError if no ROS bag exists at this path."""
     reason = irregular(path) if path.is_dir() else unopenable(path)
     if reason:
         raise BagError(f"{path}: {reason}")
@@ -209,13 +168,6 @@ def check(path: Path) -> None:
         files = sorted(file.name for file in path.iterdir() if file.suffix in (*FILES, ".parquet"))
         hint = f"; name a file in it, such as {files[0][:LONGEST_TEXT]}" if files else ""
         raise BagError(f"{path}: is a folder without metadata.yaml, and so no bag{hint}")
-    content = content_of(metadata, LARGEST_METADATA, BagError)
-    try:
-        # rosbags reads the file again, with a YAML reader that has no limits
-        text = decode(content)
-        parse(text, "the metadata of a bag", dates=True, aliases=False, longest_text=LONGEST_METADATA)
-    except LineError as fault:
-        raise BagError(f"{metadata}: {fault}") from None
 
 
 def short(kinds: Iterable[str]) -> str:

@@ -35,9 +35,6 @@ from taichi_plume.scenario.loading import ScenarioError, read_mapping
 from taichi_plume.scenario.playback import GadenGas
 
 LARGEST_FILE = 1 << 28  # bytes
-UNPACKED = 1 << 30  # bytes of a file once unpacked
-SMALL = 1 << 26  # bytes that a file of any size may have once unpacked
-TIGHTEST = 100  # bytes per packed byte of larger files
 MOST_VALUES = 2e9  # of all filaments at the cells within reach
 MOST_CELLS = 100_000_000
 LARGEST = 1e12  # ppm: sums stay finite
@@ -173,14 +170,10 @@ def _unpacked(path: Path) -> bytes:
     content = content_of(path, LARGEST_FILE, FilmError)
     if content.startswith(MARK):
         content = content[len(MARK) + 8 :]
-    unpacked, most = zlib.decompressobj(), min(UNPACKED, max(SMALL, TIGHTEST * len(content)))
     try:
-        result = unpacked.decompress(content, most)
-    except zlib.error:
-        raise FilmError(f"{path}: is no result of GADEN, or damaged: it cannot be unpacked") from None
-    if not unpacked.eof:
-        raise FilmError(f"{path}: is cut, or has more than {most >> 20} MiB once unpacked")
-    return result
+        return zlib.decompress(content)
+    except zlib.error as error:
+        raise FilmError(f"{path}: is no result of GADEN, or cut or damaged: {error}") from None
 
 
 class GadenFilm:

@@ -3,8 +3,6 @@
 A child process reads names, coordinates and attributes: in a damaged file HDF5 may never come to an end.
 """
 
-import itertools
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -12,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from taichi_plume.files.conventions import text_of
-from taichi_plume.files.stored_arrays import ArrayFileError, StoredArray, Values, stored_array
+from taichi_plume.files.stored_arrays import ArrayFileError, StoredArray, stored_array
 from taichi_plume.guard.sandbox import MIB, ConfinedError, ConfinedProcess, Limits
 from taichi_plume.guard.terminal import visible
 
-FILTERS = {1, 2, 3}  # gzip (deflate), shuffle, fletcher32
 SECONDS, MEMORY = 4.0, 1024 * MIB  # computing time and memory to read the names in a file
 MOST_NODES = 10_000  # groups and arrays that are looked at
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"  # attribute NAME of a filler
@@ -46,7 +43,7 @@ def _layout(
     file = h5py.File(path, "r")
 
     def about(array: Any) -> tuple[tuple[str, ...], dict[str, Any]]:
-        _require_plain(path, array)
+        _require_within(path, array)
         axes = tuple(_axis_of(array, n) for n in range(array.ndim))
         return axes if any(axes) else (), dict(array.attrs)
 
@@ -89,36 +86,7 @@ def _axis_of(array: Any, n: int) -> str:
     return str(axis.label or "") or (array.name.rpartition("/")[2] if is_scale else "")
 
 
-def _require_plain(path: Path, array: Any) -> None:
-    """Raise ArrayFileError if an HDF5 array lies in other files or is packed by a filter that is not read."""
-    import h5py
-
+def _require_within(path: Path, array: Any) -> None:
+    """Raise ArrayFileError if an HDF5 array lies in other files."""
     if array.is_virtual or array.external:
         raise ArrayFileError(f"{path}: {visible(array.name, 40)} lies in other files; copy it into one")
-    plan = array.id.get_create_plist()
-    filters = [plan.get_filter(n)[0] for n in range(plan.get_nfilters())]
-    if set(filters) - FILTERS or filters.count(h5py.h5z.FILTER_DEFLATE) > 1:
-        raise ArrayFileError(
-            f"{path}: {visible(array.name, 40)} is packed; only gzip, once, and shuffle are read"
-        )
-
-
-def require_declared_size(array: Values, along: int, n: int) -> None:
-    """Raise ValueError if a gzip chunk of an HDF5 array, at index n of axis `along`, is larger than it declares."""
-    import h5py
-
-    from taichi_plume.files.bounded_codecs import unpack  # imports zarr
-
-    if not isinstance(array, h5py.Dataset) or array.compression != "gzip" or array.chunks is None:
-        return
-    most = math.prod(array.chunks) * array.dtype.itemsize + 4  # fletcher32
-    starts = [range(0, length, size) for length, size in zip(array.shape, array.chunks, strict=True)]
-    begin = n // array.chunks[along] * array.chunks[along]
-    starts[along] = range(begin, begin + 1)
-    for corner in itertools.product(*starts):
-        try:
-            skipped, packed = array.id.read_direct_chunk(corner)
-        except (OSError, ValueError, RuntimeError):
-            continue  # not stored
-        if not skipped:  # no filter
-            unpack("zlib", packed, most)

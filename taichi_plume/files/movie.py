@@ -15,7 +15,6 @@ import numpy as np
 from taichi_plume.files.array_files import open_array
 from taichi_plume.files.conventions import ConventionError, FileFacts, is_missing, span, unpacked, when
 from taichi_plume.files.film import FilmError
-from taichi_plume.files.hdf5_arrays import require_declared_size
 from taichi_plume.files.movie_calibration import Calibration
 from taichi_plume.files.stored_arrays import ArrayFileError
 from taichi_plume.files.zarr_groups import LARGEST_CHUNK, MOST_CHUNKS, errors_as
@@ -102,7 +101,6 @@ class Movie:
     def _stored(self, n: int) -> np.ndarray:
         """Return the pixels of frame n as the file stores them."""
         with errors_as(FilmError, self.path, f"frame {n} cannot be read"):
-            require_declared_size(self.array, self.order[0], n)
             at: list[Any] = [slice(None) if role else 0 for role in self.axes.roles]
             at[self.order[0]] = n
             return np.asarray(self.array[tuple(at)])

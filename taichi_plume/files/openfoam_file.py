@@ -5,6 +5,7 @@ Macros ($name) and #include of files in the case are resolved in dictionaries an
 """
 
 import codecs
+import gzip
 import os
 import re
 import warnings
@@ -19,9 +20,7 @@ from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.guard.safe_open import content_of, encoding_of, inside, open_regular
 from taichi_plume.quantities import conversion
 
-LARGEST_FILE = 1 << 30  # bytes, also once unpacked
-UNPACKED = 1 << 26  # bytes that a packed file of any size may have once unpacked
-TIGHTEST = 100  # bytes per packed byte of larger files; text of a mesh or field has 3 to 10
+LARGEST_FILE = 1 << 30  # bytes
 LARGEST_LABEL = 2.0**31
 MOST_EQUAL = 1000  # entries of a list with one value for all, if their number is not known otherwise
 # Every pattern reads each byte a bounded number of times: an unclosed comment reaches to the end of the file, and there
@@ -385,14 +384,10 @@ def _content(path: Path, most: int) -> tuple[Path, bytes]:
     path = real_path(path) if exists(path) else path
     content = content_of(path, most, WindFileError)
     if content[:2] == b"\x1f\x8b":
-        unpacked = zlib.decompressobj(31)
-        most = min(most, max(UNPACKED, TIGHTEST * len(content)))
         try:
-            content = unpacked.decompress(content, most)
-        except zlib.error:
-            raise WindFileError(f"{path}: is damaged: it cannot be unpacked") from None
-        if not unpacked.eof:
-            raise WindFileError(f"{path}: is cut, or has more than {most >> 20} MiB once unpacked")
+            content = gzip.decompress(content)
+        except (OSError, EOFError, zlib.error) as error:
+            raise WindFileError(f"{path}: is cut or damaged: it cannot be unpacked: {error}") from None
     if encoding_of(content) == "utf-16":
         content = content.decode("utf-16", "replace").encode()
     return path, content.removeprefix(codecs.BOM_UTF8)

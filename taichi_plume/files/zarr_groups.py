@@ -20,7 +20,6 @@ from numpy.typing import DTypeLike
 from zarr.codecs import BloscCodec, Crc32cCodec
 from zarr.errors import ZarrUserWarning
 
-from taichi_plume.files.bounded_codecs import BOUNDED
 from taichi_plume.files.tables import plain
 from taichi_plume.guard.safe_open import irregular, read_regular, unopenable
 from taichi_plume.guard.terminal import visible
@@ -57,7 +56,7 @@ class Group:
     """Reader of a foreign Zarr group or single array, with safety checks. All stored groups are opened by this class.
 
     A codec may execute what it reads, as pickle of Zarr 2 does. Hence every array is checked before a chunk is decoded:
-    codecs, data type (numbers), size and number of the chunks. No chunk decodes to more than the declared size.
+    codecs, data type (numbers), size and number of the chunks.
 
     name: path of the group within `path`. attributes: of the group. names: of the arrays; [""] if `path` is an array.
     """
@@ -79,14 +78,13 @@ class Group:
         if fault:
             raise GroupError(f"{path}: {fault}")
         self.path, self.name, self.codecs = path, group, codecs
-        with zarr.config.set(BOUNDED):
-            self._node: Array = zarr.open(
-                path,
-                path=group,
-                mode=mode,
-                zarr_format=3 if formats == (3,) else None,
-                use_consolidated=consolidated,
-            )
+        self._node: Array = zarr.open(
+            path,
+            path=group,
+            mode=mode,
+            zarr_format=3 if formats == (3,) else None,
+            use_consolidated=consolidated,
+        )
         self.attributes: dict[str, Any] = dict(self._node.attrs)
         if isinstance(self._node, zarr.Array):
             self.names = [""]
@@ -99,8 +97,7 @@ class Group:
         """Return an array of the group after safety checks. Raises GroupError, KeyError, errors of zarr (FAULTS)."""
         if name not in self.names:
             raise KeyError(name)
-        with zarr.config.set(BOUNDED):
-            array = self._node[name] if name else self._node
+        array = self._node[name] if name else self._node
         if not isinstance(array, zarr.Array):
             raise GroupError(f"{self.path}: {visible(name, 40)} is a group, not an array")
         for codec in _codecs(array):
@@ -121,11 +118,10 @@ class Group:
 
 
 def open_dataset(path: Path, **options: Any) -> "xarray.Dataset":
-    """Open a Zarr group, checked before by `Group`, as an xarray dataset; chunks have at most their stated size."""
+    """Open a Zarr group, checked before by `Group`, as an xarray dataset."""
     import xarray
 
-    with zarr.config.set(BOUNDED):
-        return xarray.open_zarr(path, zarr_format=3, **options)
+    return xarray.open_zarr(path, zarr_format=3, **options)
 
 
 @contextmanager

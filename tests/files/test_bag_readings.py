@@ -22,17 +22,6 @@ AT = np.arange(0.5, 5.0, 0.25)
 """Times of readings [s]."""
 
 
-@pytest.fixture(autouse=True)
-def _read_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Read bags in this process: starting another for each takes a second (see test_hostile_bags.py)."""
-
-    def here(function: Any, path: Any, *args: Any) -> Any:
-        bags.check(path)
-        return function(path, *args)
-
-    monkeypatch.setattr(bag_readings, "confined", here)
-
-
 def poses(topic="/odom", kind=ODOMETRY, begin=0.0, rate=2.0, y=1.0):
     """A robot that drives along x with 0.2 m/s and turns left by 0.4 rad/s, from time `begin` on."""
     times = begin + np.arange(0.0, 6.0, 1.0 / rate)

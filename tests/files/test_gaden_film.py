@@ -250,12 +250,6 @@ def test_damaged_results_are_reported_or_read(tmp_path):
     assert reported > 100
 
 
-def test_a_packed_result_may_not_unpack_without_end(tmp_path):
-    put(tmp_path / "result/iteration_0", result((3, 0)) + bytes(100_000_000))
-    with pytest.raises(FilmError, match="MiB once unpacked"):
-        opened(tmp_path)
-
-
 def test_what_is_no_result_or_differs(tmp_path):
     put(tmp_path / "result/iteration_0", result((3, 0)))
     (tmp_path / "result/iteration_1").write_bytes(b"plain text")

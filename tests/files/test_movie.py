@@ -2,7 +2,6 @@
 
 import json
 import re
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -158,21 +157,10 @@ def test_nothing_is_executed_and_no_other_file_read(tmp_path):
         movie(tmp_path / "linked", frame_rate=1, pixel=1)
 
 
-def test_no_chunk_of_hdf5_decodes_to_more_than_is_declared(tmp_path):
-    reported = {"frame_rate": 1, "pixel": 1}
-    for name, packed in (("sound", zlib.compress(bytes(256))), ("bomb", zlib.compress(bytes(1 << 26)))):
-        with h5py.File(tmp_path / name, "w") as file:
-            kept = {"shape": (1, 16, 8), "chunks": (1, 8, 8), "dtype": "f4", "compression": "gzip"}
-            array = file.create_dataset("plume", **kept)
-            array.id.write_direct_chunk((0, 8, 0), packed)  # the other chunk is not stored
-    assert movie(tmp_path / "sound", **reported).picture(0).shape == (8, 16)
-    with pytest.raises(FilmError, match=r"frame 0 .*decodes to more than"):
-        movie(tmp_path / "bomb", **reported).picture(0)
-    for name, packing in (("lzf", {"compression": "lzf"}), ("so", {"scaleoffset": 2})):
-        with h5py.File(tmp_path / name, "w") as file:
-            file.create_dataset("plume", data=PICTURES.astype("f4"), chunks=(1, 5, 7), **packing)
-        with pytest.raises(FilmError, match="only gzip"):
-            movie(tmp_path / name, **reported)
+@pytest.mark.parametrize(
+    "packing", [{"compression": "gzip", "shuffle": True, "fletcher32": True}, {"compression": "lzf"}]
+)
+def test_packed_hdf5_is_read(tmp_path, packing):
     with h5py.File(tmp_path / "fine", "w") as file:
-        file.create_dataset("plume", data=PICTURES, compression="gzip", shuffle=True, fletcher32=True)
-    np.testing.assert_array_equal(movie(tmp_path / "fine", **reported).picture(1), PICTURES[1, ::1].T)
+        file.create_dataset("plume", data=PICTURES, **packing)
+    np.testing.assert_array_equal(movie(tmp_path / "fine", frame_rate=1, pixel=1).picture(1), PICTURES[1].T)

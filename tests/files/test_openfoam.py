@@ -303,13 +303,6 @@ def test_small_files_take_little_memory(tmp_path, content):
         tracemalloc.stop()
 
 
-def test_a_packed_file_may_not_unpack_without_end(tmp_path):
-    content = TEXT + b"50000000(" + b"0 " * 50_000_000
-    (tmp_path / "U.gz").write_bytes(gzip.compress(content, 1))
-    with pytest.raises(WindFileError, match="MiB"):
-        open_foam(tmp_path / "U")
-
-
 def test_comments_and_quotes_in_a_header(tmp_path):
     header = b'/* FoamFile { } */ FoamFile\n{ // note;\nformat ascii; note "a; b"; arch "LSB;label=32;scalar=64"; }\n'
     body = b"// * //\ninternalField /* here */ uniform (1 2 3); boundaryField { }"

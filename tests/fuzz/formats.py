@@ -219,11 +219,8 @@ def _facts(value: Any) -> Any:
 
 
 def _readings(folder: Path, kind: Format) -> tuple[Callable[[], Any], tuple]:
-    from taichi_plume.files import bag_readings, bags
     from taichi_plume.files.readings import ReadingsError, read
 
-    # in this process, which has limits as well: starting another for each bag takes a second
-    bag_readings.confined = lambda function, path, *args: bags.check(path) or function(path, *args)
     path = folder / kind.file
 
     def values() -> Any:
