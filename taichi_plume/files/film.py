@@ -39,7 +39,6 @@ from taichi_plume.files.conventions import FileFacts, when
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.files.zarr_groups import (
     FAULTS,
-    LARGEST_CHUNK,
     Group,
     GroupError,
     errors_as,
@@ -163,8 +162,6 @@ class Film:
             size = array.shape[1:] if frames else array.shape
             if size != expected:
                 raise ValueError(f"has the shape {size}, not {expected}")
-            if math.prod(size) * array.dtype.itemsize > LARGEST_CHUNK:
-                raise ValueError(f"has frames of {size} cells, over {LARGEST_CHUNK >> 30} GiB")
             stored = stored_chunks(array)
             if frames:  # in a copy by xarray a chunk may hold several frames, or a frame several chunks
                 pieces = math.prod(-(-n // k) for n, k in zip(size, array.chunks[1:], strict=True))

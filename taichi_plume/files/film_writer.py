@@ -118,7 +118,8 @@ class NewFilm:
             held = min(int(np.isfinite(self.time[:resume_at]).sum()), *stored)
         if held < resume_at:
             raise FilmError(f"{path}: the run cannot go on: {held} of the first {resume_at} frames are left")
-        tidy(path)
+        for part in path.rglob("*.partial"):  # of a killed run
+            part.unlink()
         for array in (self.time, *self.moving.values()):
             array.resize((resume_at, *array.shape[1:]))
         zarr_groups.consolidate(path)
@@ -177,23 +178,7 @@ def _facts(name: str, known: Known) -> dict[str, str]:
     return {"units": units, "long_name": meaning, **more, **({"standard_name": standard} if standard else {})}
 
 
-def tidy(path: Path) -> None:
-    """Remove partially written chunk files, which a killed run left in a film."""
-    for part in path.rglob("*.partial"):
-        part.unlink()
-
-
 def complete(path: Path) -> int:
     """Cut an interrupted film to the frames that are complete; return their number. Raises FilmError."""
-    tidy(path)
     with errors_as(FilmError, path):
-        group = zarr_groups.Group(path, mode="r+")
-        arrays = {name: group[name] for name in group.names}
-        moving = [
-            array for array in arrays.values() if (array.metadata.dimension_names or ("",))[0] == "time"
-        ]
-        frames = int(np.isfinite(arrays["time"][:]).cumprod().sum())
-        for array in moving:
-            array.resize((frames, *array.shape[1:]))
-    zarr_groups.consolidate(path)
-    return frames
+        return zarr_groups.complete(path)

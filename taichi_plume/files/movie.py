@@ -17,7 +17,7 @@ from taichi_plume.files.conventions import ConventionError, FileFacts, is_missin
 from taichi_plume.files.film import FilmError
 from taichi_plume.files.movie_calibration import Calibration
 from taichi_plume.files.stored_arrays import ArrayFileError
-from taichi_plume.files.zarr_groups import LARGEST_CHUNK, MOST_CHUNKS, errors_as
+from taichi_plume.files.zarr_groups import errors_as
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.playback import MovieGas
 
@@ -25,6 +25,8 @@ NAMES = ("concentration", "plume")  # default names of the variable, of plume-na
 AXES, MATLAB_AXES = ("time", "y", "x"), ("y", "x", "time")
 MOST_PIXELS = 100_000_000  # of a frame
 MOST_FRAMES = 10_000_000
+LARGEST_CHUNK = 1 << 30  # bytes
+MOST_CHUNKS = 10_000  # of a frame
 LARGEST = 1e12  # of a value: far beyond 1e6 ppm in any unit, and sums stay finite
 LOOKED_AT = 25  # frames, spread over the movie, that facts are taken from
 

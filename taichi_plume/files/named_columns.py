@@ -86,9 +86,20 @@ def pick(
     picked = {}
     for key, column in accepted.items():
         if given and key in given:
-            picked[key] = _named(key, given[key], names, whole, split, column)
+            n, unit = _named(key, given[key], names, whole, split)
+            stated = split[n][1] if _is_unit(split[n][1], column) else ""
+            unit = unit or stated
         elif (n := _index_of(column, whole, split)) is not None:
-            picked[key] = _with_unit(n, names, split, column, is_whole=_is_name(whole[n], column))
+            unit = split[n][1]
+            if _is_name(whole[n], column) and not _is_unit(unit, column):  # such as velocity[i]
+                unit = ""
+        else:
+            continue
+        if (
+            unit and column.unit not in ("", "s") and not _is_unit(unit, column)
+        ):  # of times: when they are read
+            raise ConventionError(f"{names[n]}: '{unit}' is no unit that converts to {column.unit}")
+        picked[key] = Picked(n, names[n], unit if column.unit else "")
     return picked
 
 
@@ -99,57 +110,33 @@ def _index_of(column: Column, whole: list[str], split: list[tuple[str, str]]) ->
         here = [n for n, name in enumerate(whole) if matches(name) or matches(split[n][0])]
         if len(here) > 1 or not column.is_needed:  # T (degC) is no time
             here = [n for n in here if matches(whole[n]) or not split[n][1] or _is_unit(split[n][1], column)]
-        if len(here) > 1:
-            raise ConventionError(f"has several columns '{split[here[0]][0]}'; remove or rename all but one")
         if here:
-            return here[0]
+            return _only(here, split[here[0]][0])
     return None
+
+
+def _only(here: list[int], name: str) -> int:
+    if len(here) > 1:
+        raise ConventionError(f"has several columns '{name}'; remove or rename all but one")
+    return here[0]
 
 
 def _is_name(text: str, column: Column) -> bool:
     return text in column.names or bool(column.pattern and re.fullmatch(column.pattern, text))
 
 
-def _with_unit(
-    n: int, names: Sequence[str], split: list[tuple[str, str]], column: Column, is_whole: bool
-) -> Picked:
-    """Return column n with the unit in its cell; is_whole: whether the cell is all name. Raises ConventionError."""
-    unit = split[n][1]
-    if is_whole and not _is_unit(unit, column):  # such as velocity[i]
-        unit = ""
-    if unit and column.unit not in ("", "s") and not _is_unit(unit, column):  # of times: when they are read
-        raise ConventionError(f"{names[n]}: '{unit}' is no unit that converts to {column.unit}")
-    return Picked(n, names[n], unit if column.unit else "")
-
-
 def _named(
-    key: str,
-    given: str,
-    names: Sequence[str],
-    whole: list[str],
-    split: list[tuple[str, str]],
-    column: Column,
-) -> Picked:
-    """Return the column that the user names for a key. Raises ConventionError."""
-    text = " ".join(given.split()).lower()
+    key: str, given: str, names: Sequence[str], whole: list[str], split: list[tuple[str, str]]
+) -> tuple[int, str]:
+    """Return the index of the column that the user names for a key, and the unit given. Raises ConventionError."""
     name, unit = split_unit(given)
-    for cell, unit_given in ((text, ""), (name, unit)):
+    for cell, unit_given in ((" ".join(given.split()).lower(), ""), (name, unit)):
         for known in (whole, [each for each, _ in split]):
-            here = [n for n, each in enumerate(known) if each == cell]
-            if len(here) > 1:
-                raise ConventionError(f"has several columns '{given}'; remove or rename all but one")
-            if here:
-                stated = split[here[0]][1] if _is_unit(split[here[0]][1], column) else ""
-                return _stated(here[0], names, unit_given or stated, column)
+            if here := [n for n, each in enumerate(known) if each == cell]:
+                return _only(here, given), unit_given
     if name.isdigit() and 1 <= int(name) <= len(names) and not any(each.isdigit() for each in whole):
-        return _stated(int(name) - 1, names, unit, column)
+        return int(name) - 1, unit
     raise ConventionError(f"has no column '{given}' for {key}; it has {listed(names)}")
-
-
-def _stated(n: int, names: Sequence[str], unit: str, column: Column) -> Picked:
-    if unit and column.unit not in ("", "s") and not _is_unit(unit, column):  # of times: when they are read
-        raise ConventionError(f"{names[n]}: '{unit}' is no unit that converts to {column.unit}")
-    return Picked(n, names[n], unit)
 
 
 def _is_unit(unit: str, column: Column) -> bool:

@@ -43,9 +43,7 @@ MACRO = re.compile(
 )
 START = 1 << 16  # bytes of a field in which its internalField begins
 LARGEST_DICTIONARY = 1 << 22
-DEEPEST = 100  # dictionaries within dictionaries
 LONGEST_CHAIN = 10  # files that include one another
-PER_FILE = 1000  # bytes that an included file counts at least
 CODE = re.compile(r"#\{.*?(?:#\}|\Z)", re.DOTALL)
 TOKEN = re.compile(r'#\w++[ \t]*+(?:"[^"\n]*+"|[^\n{};]*+)|"[^"\n]*+"|[{};]|(?:\$\{[^\s{};]*+\}|[^\s{};"])++')
 INCLUDE = re.compile(r'#(?:include|includeIfPresent|sinclude)\s*+"?([^"]++)"?')
@@ -291,21 +289,15 @@ def dictionary(path: Path) -> dict[str, Any]:
 
 
 class _Parser:
-    """Parser of an OpenFOAM dictionary. scopes: the dictionaries around the entry that is read, outermost first.
-
-    left: bytes that included files and the values of macros may still have.
-    """
+    """Parser of an OpenFOAM dictionary. scopes: the dictionaries around the entry that is read, outermost first."""
 
     def __init__(self, path: Path):
-        self.path, self.left = path, LARGEST_DICTIONARY
         self.scopes: list[dict[str, Any]] = [{}]
         self.case = next((folder for folder in path.parents if (folder / "system").is_dir()), path.parent)
 
     def read(self, path: Path, chain: int = 1) -> None:
         """Add the entries of a file to the innermost scope; chain: number of files that include one another."""
         content = COMMENT.sub(b"", _content(path, LARGEST_DICTIONARY)[1])
-        if chain > 1:
-            self._use(max(len(content), PER_FILE))
         words: list[str] = []
         for token in TOKEN.findall(CODE.sub("", content.decode("utf-8", "replace"))):
             if token[0] == "#" and not words:
@@ -315,8 +307,6 @@ class _Parser:
                 inner = self.scopes[-1].get(key)
                 inner = self.scopes[-1][key] = inner if isinstance(inner, dict) else {}
                 self.scopes.append(inner)
-                if len(self.scopes) > DEEPEST:
-                    raise WindFileError(f"{path}: its braces are nested more than {DEEPEST} deep")
             elif token == "}":
                 self.scopes = self.scopes[:-1] or self.scopes
             elif token == ";":
@@ -325,13 +315,6 @@ class _Parser:
                 words.append(token)
                 continue
             words = []
-
-    def _use(self, size: int) -> None:
-        self.left -= size
-        if self.left < 0:
-            raise WindFileError(
-                f"{self.path}: has more than {LARGEST_DICTIONARY >> 20} MiB of macros and #include"
-            )
 
     def _include(self, path: Path, directive: str, chain: int) -> None:
         """Read the file that a directive of the file `path` includes, if it is in the case; else keep the directive."""
@@ -352,15 +335,12 @@ class _Parser:
             self.scopes[-1][words[0].strip('"')] = dict(whole)
         elif len(words) > 1:
             self.scopes[-1][words[0].strip('"')] = self._text(" ".join(words[1:]))
-        if isinstance(whole, dict):
-            self._use(len(whole))
 
     def _text(self, text: str) -> str:
         """Return a text with the values of its macros; those without a text as value stay."""
 
         def value(match: re.Match[str]) -> str:
             found = self._value(match[0])
-            self._use(len(found) if isinstance(found, str) else 0)
             return found if isinstance(found, str) else match[0]
 
         return NAME.sub(value, text)
@@ -369,7 +349,6 @@ class _Parser:
         """Return the value of a macro such as $a, ${a} or $:a.b in the innermost scope that has it; None without."""
         name = macro.strip("${}").lstrip(":./")
         parts = re.split("[.:/]", name)
-        self._use(len(self.scopes))
         for scope in self.scopes[::-1]:
             value: Any = scope
             for part in [name] if name in scope else parts if parts[0] in scope else ():

@@ -13,8 +13,6 @@ A picture counts once its time is written, so an interrupted run has all picture
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from taichi_plume.files import manifest
 from taichi_plume.files.run_folder import RunFolderError
 
@@ -63,18 +61,7 @@ def complete(path: Path) -> int:
     """
     from taichi_plume.files import zarr_groups
 
-    counts = [0]
-    for file in path.rglob("*.partial"):
-        file.unlink()
     with zarr_groups.errors_as(RunFolderError, path):
-        for part in [*parts(path), ""]:
-            group = zarr_groups.Group(path, part, mode="r+")
-            arrays = {name: group[name] for name in group.names}
-            if "time" not in arrays:
-                continue
-            counts.append(int(np.isfinite(arrays["time"][:]).cumprod().sum()))
-            for array in arrays.values():
-                if (array.metadata.dimension_names or ("",))[0] == "time":
-                    array.resize((counts[-1], *array.shape[1:]))
-            zarr_groups.consolidate(path, part or None)
-    return counts[-1]
+        counts = [zarr_groups.complete(path, part) for part in parts(path)]
+        is_main = "time" in zarr_groups.Group(path).names
+        return zarr_groups.complete(path) if is_main else max(counts, default=0)

@@ -41,9 +41,7 @@ FAULTS = (
 """Errors of zarr when it reads damaged groups."""
 OWN_CODECS = frozenset({"bytes", "blosc", "crc32c", "zstd"})
 """Codecs of the groups that this package writes, and of xarray's copies of these groups."""
-LARGEST_CHUNK = 1 << 30  # bytes of a decoded chunk
 LARGEST_METADATA = 1 << 24  # bytes of the zarr.json of an array
-MOST_CHUNKS = 10_000  # of one element of the first axis, such as a frame
 Array = Any
 """A `zarr.Array` that `Group` has checked. zarr types its elements as a union that no caller can use."""
 
@@ -56,7 +54,7 @@ class Group:
     """Reader of a foreign Zarr group or single array, with safety checks. All stored groups are opened by this class.
 
     A codec may execute what it reads, as pickle of Zarr 2 does. Hence every array is checked before a chunk is decoded:
-    codecs, data type (numbers), size and number of the chunks.
+    codecs and data type (numbers).
 
     name: path of the group within `path`. attributes: of the group. names: of the arrays; [""] if `path` is an array.
     """
@@ -106,14 +104,6 @@ class Group:
         where = f"{self.path}{': ' * bool(name)}{visible(name, 40)}"
         if array.dtype.kind not in "biuf":
             raise GroupError(f"{where}: holds {visible(array.dtype, 40)}; wanted numbers")
-        chunk = array.shards or array.chunks
-        if min(chunk, default=1) < 1 or math.prod(chunk) * array.dtype.itemsize > LARGEST_CHUNK:
-            raise GroupError(
-                f"{where}: has chunks of {chunk}; wanted at least one value and at most {LARGEST_CHUNK >> 30} GiB"
-            )
-        pieces = math.prod(-(-n // size) for n, size in zip(array.shape[1:], array.chunks[1:], strict=True))
-        if pieces > MOST_CHUNKS:
-            raise GroupError(f"{where}: has {pieces} chunks along axes but the first; at most {MOST_CHUNKS}")
         return array
 
 
@@ -212,6 +202,23 @@ def consolidate(path: Path, group: str | None = None) -> None:
     with warnings.catch_warnings():  # zarr's specification does not mention this yet; xarray warns without
         warnings.simplefilter("ignore", ZarrUserWarning)
         zarr.consolidate_metadata(path, path=group)
+
+
+def complete(path: Path, part: str = "") -> int:
+    """Cut an interrupted group to the frames that are complete; return their number. Raises errors of zarr (FAULTS).
+
+    A frame is complete once its time is written. The remains of unfinished chunks are removed.
+    """
+    for file in (path / part).rglob("*.partial"):
+        file.unlink()
+    group = Group(path, part, mode="r+")
+    arrays = {name: group[name] for name in group.names}
+    frames = int(np.isfinite(arrays["time"][:]).cumprod().sum())
+    for array in arrays.values():
+        if (array.metadata.dimension_names or ("",))[0] == "time":
+            array.resize((frames, *array.shape[1:]))
+    consolidate(path, part or None)
+    return frames
 
 
 def _arrays_in(path: Path) -> list[str]:

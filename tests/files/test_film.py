@@ -260,7 +260,7 @@ def test_other_folders_in_a_film_are_ignored_and_messages_are_short(path, recwar
         (".", '"shape": [', '"shape": [999999,', "not those of a plane or a room"),
         (".", '"viscosity"', '"vicosity"', "'viscosity'"),
         (".", '"schmidt": 1.0', '"schmidt": -1.0', "its schmidt is -1"),
-        ("v_face", '"chunk_shape": [1,', '"chunk_shape": [0,', "v_face: "),
+        ("v_face", '"chunk_shape": [1,', '"chunk_shape": [0,', "v_face"),
         ("open_u_face", '"fill_value": 0', '"fill_value": 99999999999999999999', "damaged"),
     ],
 )

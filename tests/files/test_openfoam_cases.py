@@ -65,13 +65,6 @@ def test_extent_and_equal_values_are_those_of_another_reader(tmp_path, keys):
     np.testing.assert_allclose(ours.velocity, mesh.cell_data["U"], atol=1e-7)
 
 
-def test_a_dictionary_nested_without_end(tmp_path):
-    (tmp_path / "system").mkdir()
-    (tmp_path / "system/fvSchemes").write_text("a {" * 100_000 + "b $c $d;" * 1000)
-    assert steadiness(tmp_path)[0] is None
-    assert "nested" in steadiness(tmp_path)[1]
-
-
 def test_points_that_no_face_uses_do_not_count(tmp_path):
     points, cells = box((2, 2, 2), lambda x: x)
     writer = Writer(tmp_path / "case")
@@ -124,16 +117,10 @@ def test_whether_a_case_is_steady(tmp_path, system, is_steady):
     assert played(tmp_path / "case/200").files == [(0.0, tmp_path / "case/200")]
 
 
-def test_a_dictionary_of_macros_without_end(tmp_path):
-    """Values that double from line to line, and a file that includes itself twice."""
+def test_a_dictionary_that_includes_itself(tmp_path):
     (tmp_path / "system").mkdir()
-    doubled = "a0 x; " + "".join(f"a{n + 1} $a{n}$a{n};" for n in range(60))
-    deep = "a {" * 90 + "c $x.y.z;" * 100_000
-    for text in (doubled, deep, '#include "fvSchemes"\n' * 2):
-        (tmp_path / "system/fvSchemes").write_text(text)
-        is_steady, reason = steadiness(tmp_path)
-        assert is_steady is None
-        assert "4 MiB of macros" in reason or text.startswith("#")
+    (tmp_path / "system/fvSchemes").write_text('#include "fvSchemes"\n' * 2)
+    assert steadiness(tmp_path)[0] is None
     assert dictionary(tmp_path / "system/fvSchemes") == {"#": '#include "fvSchemes"'}
 
 
