@@ -9,7 +9,7 @@ CF conventions 1.11: `units`, `scale_factor`, `add_offset`, `_FillValue`, `missi
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -33,11 +33,8 @@ SUFFIXES = {"m", "cm", "mm", "km", "in", "ft", "s", "sec", "ms", "us", "min", "h
 DAY = 86400.0  # s
 ZONE = re.compile(r"\s*(UTC|GMT)$")
 EARLIEST_DATE = 1e8  # s: larger times are those since 1970
-SINCE = re.compile(r"\s*(\w+)\s+(?:since|after|from|ref|@)\s+([+-]?\d{1,4}-\d{1,2}-\d{1,2}.*)", re.IGNORECASE)
-DATE = re.compile(  # of UDUNITS: 2026-1-1 0:0:0.5 +01:00
-    r"(\d{1,4})-(\d{1,2})-(\d{1,2})(?:[T ]+(\d{1,2})(?::(\d{1,2}))?(?::(\d{1,2}(?:\.\d*)?))?)?"
-    r"\s*(?:Z|UTC|GMT|([+-])(\d{1,2}):?(\d{2})?)?",
-    re.IGNORECASE,
+SINCE = re.compile(
+    r"\s*(\w+)\s+(?:since|after|from|ref|@)\s+([+-]?\d{1,4})(-\d{1,2}-\d{1,2}.*)", re.IGNORECASE
 )
 ROLES = {
     role: tuple(names.split())
@@ -141,16 +138,13 @@ def times_of(values: np.ndarray, written: str) -> np.ndarray:
     match = SINCE.fullmatch(written)
     if not match:
         return in_si(values, written, "s")
-    date = DATE.fullmatch(match[2].strip())
+    import pandas
+
     try:
-        if date is None:
-            raise ValueError
-        year, month, day, hour, minute = (int(date[n] or 0) for n in range(1, 6))
-        apart = timedelta(hours=int(date[8] or 0), minutes=int(date[9] or 0))
-        start = datetime(year, month, day, hour, minute, tzinfo=UTC) + (apart if date[7] == "-" else -apart)
-        start += timedelta(seconds=float(date[6] or 0))
-    except (ValueError, OverflowError):
+        start = pandas.Timestamp(f"{int(match[2]):04d}{match[3]}")
+    except ValueError:
         raise ConventionError(f"'{written}' gives no date such as 2026-01-01 00:00:00") from None
+    start = start if start.tzinfo else start.tz_localize("UTC")
     unit = match[1].lower() if len(match[1]) > 3 else match[1]  # Days
     return in_si(values, unit, "s") + start.timestamp()
 

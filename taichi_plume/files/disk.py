@@ -64,21 +64,18 @@ def left_in(folder: Path) -> list[Path]:
     return list(folder.glob(f".*.{'[0-9a-f]' * 8}.part"))
 
 
-def remove(path: Path) -> None:
+def remove(path: Path, ignore_errors: bool = False) -> None:
     """Delete a file, pipe or link, or a folder with its content, if it exists. Raises OSError."""
     if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path)  # would open a pipe, and wait
+        shutil.rmtree(path, ignore_errors)  # would open a pipe, and wait
     else:
         path.unlink(missing_ok=True)
 
 
 def discard(path: Path) -> None:
     """Delete a file, pipe or link, or a folder with its content, as far as possible."""
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        with suppress(OSError):
-            path.unlink()
+    with suppress(OSError):
+        remove(path, ignore_errors=True)
 
 
 @contextmanager

@@ -7,6 +7,8 @@ the rest.
 """
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -53,10 +55,8 @@ class Movie:
             raise FilmError(f"{path}: has the shape {shape} of {kind}; wanted numbers over (time, y, x)")
         sign = -1 if stored.form == "MATLAB" else 1
         usual, given = (MATLAB_AXES if sign < 0 else AXES)[::sign], model.axes and model.axes[::sign]
-        try:
+        with self._named():
             self.stored, self.axes = stored.arranged(usual, given)
-        except ArrayFileError as error:
-            raise FilmError(f"{path}: {error}") from None
         self.order = tuple(self.axes.roles.index(role) for role in AXES)
         self.shape = tuple(shape[n] for n in self.order)
         if not min(shape) or self.shape[0] > MOST_FRAMES or self.shape[1] * self.shape[2] > MOST_PIXELS:
@@ -71,7 +71,8 @@ class Movie:
             raise FilmError(
                 f"{path}: has chunks of {stored.chunks}, over {LARGEST_CHUNK >> 30} GiB; use smaller"
             )
-        calibration = Calibration(path, self.stored, self.order, model)
+        with self._named():
+            calibration = Calibration(self.stored, self.order, model)
         self.calibration, self.begin, self.times = calibration, calibration.begin, calibration.times
         self.pixel, self.origin = calibration.pixel, calibration.origin
         self.size = (self.shape[2] * self.pixel, self.shape[1] * self.pixel)
@@ -79,6 +80,14 @@ class Movie:
             (np.arange(n + 1) * domain.spacing - low) / self.pixel
             for n, low in zip(self.cells[:2], self.origin, strict=True)
         ]
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        """Context that raises errors without a path as FilmError."""
+        try:
+            yield
+        except (ArrayFileError, ConventionError) as error:
+            raise FilmError(f"{self.path}: {error}") from None
 
     def gas_of(self, species: object) -> str:
         return "concentration"
@@ -109,11 +118,8 @@ class Movie:
 
     def _values(self, n: int, stored: np.ndarray) -> np.ndarray:
         """Return pixels as `picture` does, but unclipped; NaN where missing. stored: of frame n."""
-        with errors_as(FilmError, self.path, f"frame {n} cannot be unpacked"):
-            try:
-                values = unpacked(stored, self.stored.attributes)
-            except ConventionError as error:
-                raise FilmError(f"{self.path}: {error}") from None
+        with errors_as(FilmError, self.path, f"frame {n} cannot be unpacked"), self._named():
+            values = unpacked(stored, self.stored.attributes)
         values = np.where(is_missing(values) & ~np.isinf(values), np.nan, values) * self.calibration.factor
         if np.isinf(values).any() or np.nanmax(np.abs(values), initial=0.0) > LARGEST:
             raise FilmError(

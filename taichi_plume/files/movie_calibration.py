@@ -3,7 +3,6 @@
 import math
 import re
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,8 +17,7 @@ from taichi_plume.files.conventions import (
     times_of,
     unit_of,
 )
-from taichi_plume.files.film import FilmError
-from taichi_plume.files.stored_arrays import Coordinate, StoredArray
+from taichi_plume.files.stored_arrays import StoredArray
 from taichi_plume.guard.terminal import visible
 from taichi_plume.quantities import conversion, split
 from taichi_plume.scenario.playback import MovieGas
@@ -54,12 +52,12 @@ class Calibration:
     """Times of a movie's frames since `begin` [s], pixel edge [m], origin (x, y) [m] and factor of its values.
 
     flipped: axes whose rows or columns descend. unit: of the values, "" if none is known. factor: from stored values to
-    the unit of the key ppm_per_unit. assumed: "m", "s" and "rows", as far as these are assumed. Raises FilmError.
+    the unit of the key ppm_per_unit. assumed: "m", "s" and "rows", as far as these are assumed. Raises ConventionError.
     """
 
-    def __init__(self, path: Path, stored: StoredArray, order: Sequence[int], model: MovieGas):
+    def __init__(self, stored: StoredArray, order: Sequence[int], model: MovieGas):
         """order: time, y and x as axes of the array."""
-        self.path, self.stored, self.model = path, stored, model
+        self.stored, self.model = stored, model
         self.remarks: list[str] = []
         self.assumed: set[str] = set()
         self.known = {**stored.of_file, **stored.attributes}
@@ -82,8 +80,8 @@ class Calibration:
         return whole if whole.lower() not in NUMBERS and _factor(whole, "m") else ""
 
     def _line(self, name: str, n: int) -> Line:
-        """Return the line of the coordinates along axis n. Raises FilmError if they are not equally spaced."""
-        along = self._along(n, name)
+        """Return the line of the coordinates along axis n. Raises ConventionError if they are not equally spaced."""
+        along = self.stored.along(n)
         values, count = along.values, self.stored.shape[n]
         if count < 2 or not len(values):
             return Line()
@@ -99,9 +97,7 @@ class Calibration:
         steps, step = np.diff(values), float(values[-1] - values[0]) / (count - 1)
         tolerance = REGULAR * abs(step) + 2 * resolution
         if not np.isfinite(steps).all() or step == 0 or (np.abs(steps - step) > tolerance).any():
-            raise FilmError(
-                f"{self.path}: its {name} is not equally spaced, as pixels are; resample the file"
-            )
+            raise ConventionError(f"its {name} is not equally spaced, as pixels are; resample the file")
         if is_number:
             if (first := min(values[0], values[-1])) not in (0, 0.5, 1):
                 self.remarks.append(f"its {name} numbers pixels from {first:g} on; only the direction counts")
@@ -112,12 +108,6 @@ class Calibration:
             self.assumed.add("m")
         centre = float(values.mean()) - abs(step) * (count - 1) / 2
         return Line(step, centre, float(resolution) / (count - 1))
-
-    def _along(self, n: int, name: str) -> Coordinate:
-        try:
-            return self.stored.along(n)
-        except ConventionError as error:
-            raise FilmError(f"{self.path}: its {name}: {error}") from None
 
     def _flipped(self, lines: Mapping[str, Line]) -> set[str]:
         """Return the axes that descend, by the coordinates, else by the key rows."""
@@ -133,7 +123,7 @@ class Calibration:
         return flipped
 
     def _pixel(self, lines: Mapping[str, Line]) -> float:
-        """Return the edge of a pixel [m]. Raises FilmError if pixels are no squares, or no edge is known."""
+        """Return the edge of a pixel [m]. Raises ConventionError if pixels are no squares, or no edge is known."""
         given, stated = self.model.pixel, None
         long = sorted(
             (line for line in lines.values() if not math.isnan(line.centre)), key=lambda at: at.slack
@@ -141,9 +131,8 @@ class Calibration:
         if long:
             stated, other = abs(long[0].step), abs(long[-1].step)
             if abs(stated - other) > REGULAR * max(stated, other) + long[-1].slack:
-                raise FilmError(
-                    f"{self.path}: its pixels are {max(stated, other):g} by {min(stated, other):g} m; "
-                    "resample to squares"
+                raise ConventionError(
+                    f"its pixels are {max(stated, other):g} by {min(stated, other):g} m; resample to squares"
                 )
         elif given is None or PIXEL in self.known:
             value, unit = self._number(PIXEL, "pixel")
@@ -165,9 +154,7 @@ class Calibration:
                 raise ValueError
         except (TypeError, ValueError):
             text = visible(str(stated), 60)
-            raise FilmError(
-                f"{self.path}: its attribute 'origin' is {text}, not y and x; give origin"
-            ) from None
+            raise ConventionError(f"its attribute 'origin' is {text}, not y and x; give origin") from None
         y, x = (float(self._metres(np.float64(value), self.length_unit, "origin")) for value in corner)
         y, x = (
             low if math.isnan(lines[name].centre) else round(lines[name].centre - self.pixel / 2, 9)
@@ -179,7 +166,7 @@ class Calibration:
         try:
             return in_si(values, unit, "m")
         except ConventionError as error:
-            raise FilmError(f"{self.path}: its {what}: {error}") from None
+            raise ConventionError(f"its {what}: {error}") from None
 
     # ------------------------------------------------------------ time
 
@@ -204,7 +191,7 @@ class Calibration:
         return begin, times
 
     def _stated_times(self, n: int, has_rate: bool) -> np.ndarray | None:
-        """Return the times of the coordinate [s], None without one. Raises FilmError if it is unusable without rate."""
+        """Return the times of the coordinate [s], None without one. Raises ConventionError if a rate is needed."""
         try:
             along = self.stored.along(n)
             values, unit = along.values, along.unit
@@ -224,7 +211,7 @@ class Calibration:
         except ConventionError as error:
             fault = f"its times{'' if str(error).startswith('are not') else ':'} {error}"
             if not has_rate:
-                raise FilmError(f"{self.path}: {fault}; give frame_rate") from None
+                raise ConventionError(f"{fault}; give frame_rate") from None
             self.remarks.append(f"{fault}; frame_rate counts")
             return None
         if not unit:
@@ -270,7 +257,7 @@ class Calibration:
         key: scenario key, for errors.
         """
         if name not in self.known:
-            raise FilmError(f"{self.path}: has no attribute '{name}'; give {key}")
+            raise ConventionError(f"has no attribute '{name}'; give {key}")
         found, unit = self.known[name], ""
         if with_unit := split(text_of(found)):
             found, unit = with_unit
@@ -280,8 +267,8 @@ class Calibration:
         except (TypeError, ValueError):
             good = False
         if not good:
-            raise FilmError(
-                f"{self.path}: its attribute '{name}' is {visible(str(self.known[name]), 60)}, not a positive number; "
+            raise ConventionError(
+                f"its attribute '{name}' is {visible(str(self.known[name]), 60)}, not a positive number; "
                 f"give {key}"
             )
         return float(values[0]), unit

@@ -394,7 +394,7 @@ def test_numbers_of_pixels_only_give_the_direction(tmp_path, start, unit):
         assert movie(tmp_path / "p").facts().text.count("(assumed: m)") == 2
 
 
-@pytest.mark.parametrize("unit", ["frame", "1", "days since 0000-01-01", "seconds since 2026-02-30", "mm"])
+@pytest.mark.parametrize("unit", ["frame", "1", "days since 2026-13-01", "seconds since 2026-02-30", "mm"])
 def test_times_that_are_none_need_a_frame_rate(tmp_path, unit):
     data = plume()
     data["time"].attrs["units"] = unit
@@ -421,6 +421,7 @@ def test_times_from_the_start_or_in_other_calendars_have_no_date(tmp_path):
     ("unit", "date"),
     [
         ("days since 2026-1-1 0:0:0", "2026-01-01T00:00:00+00:00"),
+        ("days since 1-1-1 00:00:0.0", "0001-01-01T00:00:00+00:00"),
         ("days since 2026-01-01T06:30Z", "2026-01-01T06:30:00+00:00"),
         ("days since 2026-1-1 0:0:0.5 -05:30", "2026-01-01T05:30:00.500000+00:00"),
         ("days after 2026-01-01 01:00 GMT", "2026-01-01T01:00:00+00:00"),
