@@ -51,45 +51,32 @@ def field_of(bag: Bag, text: str) -> Field:
     return Field(match[0], topic, steps)
 
 
-class NumberReader:
-    """Function that extracts stamp, frame and the number of a field from a message of a bag.
+def number_of(bag: Bag, field: Field, message: ros.Message) -> Sample:
+    """Return stamp, frame and the number of a field in a message of a bag. Raises BagError.
 
     An entry beyond the end of a list is NaN. Stamp and frame are those of the innermost header on the way.
     """
-
-    def __init__(self, bag: Bag, field: Field):
-        self.bag, self.field, self.where = bag, field, f"{bag.path}: --reading {field.text}"
-        self.entries = 0
-        """Largest number of entries of the list that was too short."""
-
-    def __call__(self, message: ros.Message) -> Sample:
-        stamp, frame = 0.0, ""
-        part, name = message, self.field.topic
-        for step in self.field.steps:
-            header = getattr(part, "header", None)
-            if header is not None and hasattr(header, "frame_id"):
-                stamp, frame = stamp_of(header) or stamp, header.frame_id or frame
-            if isinstance(step, int):
-                if isinstance(part, str) or not hasattr(part, "__len__"):
-                    raise BagError(f"{self.where}: {name} is no list; remove [{step}]")
-                if step >= len(part):
-                    self.entries = max(self.entries, len(part))
-                    return Sample(stamp, frame, [np.nan])
-                part, name = part[step], f"{name}[{step}]"
-            else:
-                known = _fields(part)
-                if step not in known:
-                    has = f"it has {listed(known)}" if known else "it has no fields"
-                    raise BagError(f"{self.where}: {name} has no field '{step}'; {has}")
-                part, name = getattr(part, step), f"{name}.{step}"
-        if isinstance(part, bool | np.bool_ | str) or not isinstance(part, int | float | np.number):
-            raise BagError(f"{self.where}: {name} is no number but {_kind(part)}")
-        return Sample(stamp, frame, [float(part)])
-
-    def require_some(self, values: np.ndarray) -> None:
-        """Raise BagError if no message has the entry of a list that the field names."""
-        if self.entries and np.isnan(values).all():
-            raise BagError(f"{self.where}: the list has at most {self.entries} entries, counted from 0")
+    where = f"{bag.path}: --reading {field.text}"
+    stamp, frame, part, name = 0.0, "", message, field.topic
+    for step in field.steps:
+        header = getattr(part, "header", None)
+        if header is not None and hasattr(header, "frame_id"):
+            stamp, frame = stamp_of(header) or stamp, header.frame_id or frame
+        if isinstance(step, int):
+            if isinstance(part, str) or not hasattr(part, "__len__"):
+                raise BagError(f"{where}: {name} is no list; remove [{step}]")
+            if step >= len(part):
+                return Sample(stamp, frame, [np.nan])
+            part, name = part[step], f"{name}[{step}]"
+        else:
+            known = _fields(part)
+            if step not in known:
+                raise BagError(f"{where}: {name} has no field '{step}'; it has {listed(known) or 'none'}")
+            part, name = getattr(part, step), f"{name}.{step}"
+    if isinstance(part, bool | np.bool_ | str) or not isinstance(part, int | float | np.number):
+        hint = next(_inside(name, part), "")
+        raise BagError(f"{where}: {name} is no number{hint and f'; name one in it, such as {hint}'}")
+    return Sample(stamp, frame, [float(part)])
 
 
 def suggestions(bag: Bag) -> str:
@@ -128,13 +115,3 @@ def _fields(part: object) -> list[str]:
     if not is_dataclass(part):
         return []
     return [field.name for field in fields(part) if not field.name.startswith("__")]
-
-
-def _kind(part: object) -> str:
-    if isinstance(part, str):
-        return "a text"
-    if isinstance(part, bool | np.bool_):
-        return "a truth value"
-    if isinstance(part, list | np.ndarray):
-        return f"a list of {len(part)}; give an index, such as [0]" if len(part) else "an empty list"
-    return f"a message with {listed(_fields(part))}"

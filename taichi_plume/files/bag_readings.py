@@ -17,7 +17,7 @@ import numpy as np
 import pydantic
 
 from taichi_plume.files import ros_messages as ros
-from taichi_plume.files.bag_fields import Field, NumberReader, field_of
+from taichi_plume.files.bag_fields import Field, field_of, number_of
 from taichi_plume.files.bag_frames import Frames, Pose, topics_for
 from taichi_plume.files.bag_poses import GAP, Motion, Positions, between, gaps, in_order
 from taichi_plume.files.bag_topics import GAS, WINDS, chosen, measured_poses, robot_name, wind_topic_of
@@ -248,14 +248,15 @@ def _numbers_of(bag: Bag, field: Field, options: BagOptions) -> _Gas:
     """Return the readings that are a number in the messages of any type. Raises BagError."""
     names = [step for step in field.steps if isinstance(step, str)]
     named = options.units or _unit_in([*reversed(names), field.topic])
-    number, units = NumberReader(bag, field), named or "ppm"
+    where, units = f"{bag.path}: --reading {field.text}", named or "ppm"
 
     def get(message: ros.Message) -> Sample:
-        stamp, frame, (raw,) = number(message)
-        return Sample(stamp, frame, (raw, _ppm(number.where, raw, units, None, options)))
+        stamp, frame, (raw,) = number_of(bag, field, message)
+        return Sample(stamp, frame, (raw, _ppm(where, raw, units, None, options)))
 
     series = bag.series(field.topic, get)
-    number.require_some(series.values)
+    if np.isnan(series.values[:, 0]).all():
+        raise BagError(f"{where}: no message has this number")
     return _complete(field.text, series, units, not named)
 
 

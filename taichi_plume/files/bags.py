@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
 FILES = (".mcap", ".db3", ".bag")
-MOST_MESSAGES = 20_000_000  # of a topic
 FAULTS = (Exception,)  # rosbags raises errors of many kinds, such as of SQLite, decompression and YAML
 OLD_NAMES = {  # of ROS 1, and of older packages
     "olfaction_msgs/msg/gas_sensor": ros.GAS_SENSOR,
@@ -89,9 +88,7 @@ class Bag:
     def messages(self, *topics: str) -> Iterator[tuple[str, float, ros.Message]]:
         """Yield (topic, time of recording [s], message) for all messages of these topics. Raises BagError."""
         chosen = [c for c in self.reader.connections if c.topic in topics and c.msgcount]
-        for n, (connection, t, data) in enumerate(self.reader.messages(chosen) if chosen else ()):
-            if n >= MOST_MESSAGES:
-                raise BagError(f"{self.path}: {connection.topic} has more than {MOST_MESSAGES:,} messages")
+        for connection, t, data in self.reader.messages(chosen) if chosen else ():
             if connection.msgtype not in self.reader.typestore.fielddefs:
                 raise BagError(
                     f"{self.path}: {connection.topic} is of type {connection.msgtype}, whose definition the bag does "

@@ -10,7 +10,7 @@ import json
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -37,10 +37,10 @@ def write(path: Path, content: dict[str, Any]) -> None:
     arrays: dict[str, np.ndarray] = {}
     tree = json.dumps({"kind": KIND, "content": _encoded(content, arrays, "")})
     disk.require_room(path, len(tree) + sum(array.nbytes for array in arrays.values()))
-    with disk.written_whole(path) as fresh, fresh.open("wb") as file:
-        hashed = _Hashed(file)
-        np.savez(hashed, **{TREE: np.frombuffer(tree.encode(), np.uint8)}, **arrays)  # type: ignore[arg-type]
-        file.write(hashed.sum.digest())
+    with disk.written_whole(path) as fresh, fresh.open("wb+") as file:
+        np.savez(file, **{TREE: np.frombuffer(tree.encode(), np.uint8)}, **arrays)  # type: ignore[arg-type]
+        file.seek(0)
+        file.write(hashlib.file_digest(file, "sha256").digest())
 
 
 def require_plain(value: object, name: str) -> None:
@@ -65,20 +65,6 @@ def read(path: Path) -> dict[str, Any]:
             return _decoded(tree["content"], archive.__getitem__)
     except (ValueError, LookupError, TypeError, zipfile.BadZipFile) as error:
         raise CheckpointError(f"{path}: is no checkpoint of taichi_plume: {error}") from None
-
-
-class _Hashed(io.RawIOBase):
-    """Write-only file wrapper that hashes the bytes written, and cannot seek."""
-
-    def __init__(self, file: BinaryIO):
-        self.file, self.sum = file, hashlib.sha256()
-
-    def writable(self) -> bool:
-        return True
-
-    def write(self, data: Any) -> int:
-        self.sum.update(data)
-        return self.file.write(data)
 
 
 def _encoded(value: Any, arrays: dict[str, np.ndarray], path: str) -> object:

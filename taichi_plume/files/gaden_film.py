@@ -111,57 +111,44 @@ def read(path: Path) -> Result:
         raise FilmError(f"{path}: is no result of GADEN 1, 2 or 3: it begins with {major}")
     minor = 0 if major == 1 else int(buffer.take("i")[0])
     if major == 1:
-        corners, cells, edge, source = (
-            buffer.take("6d"),
-            buffer.take("3i"),
-            buffer.take("3d")[0],
-            buffer.take("3d"),
-        )
+        corners, cells, edges, source = (buffer.take(form) for form in ("6d", "3i", "3d", "3d"))
     else:
-        cells, corners, edge = buffer.take("3i"), buffer.take("6f"), buffer.take("f")[0]
+        cells, corners, edges = (buffer.take(form) for form in ("3i", "6f", "f"))
         if major == 3:
             kind = buffer.text(list(SIZES))
             if not kind:
                 raise FilmError(f"{path}: its source is none of {', '.join(name.decode() for name in SIZES)}")
             buffer.take(f"{SIZES[kind]}x")
         source = buffer.take("3f")
-    is_double = (major, minor) < (2, 6)
-    gas = int(buffer.take("i")[0])
-    moles, air = buffer.take("2d" if is_double else "2f")
-    buffer.take("i")
-    shape = (int(cells[0]), int(cells[1]), int(cells[2]))
-    numbers = np.array([*corners, edge, *source, moles, air])
-    if (
-        min(shape) < 1
-        or np.prod(cells) > MOST_CELLS
-        or not np.isfinite(numbers).all()
-        or not 1e-3 <= edge <= 100.0
-    ):
-        raise FilmError(f"{path}: is damaged: {' x '.join(map(str, shape))} cells of {edge:g} m")
-    if not (np.abs(corners[:3] + edge * cells - corners[3:]) < 1.01 * edge).all():
-        raise FilmError(f"{path}: {' x '.join(map(str, shape))} cells of {edge:g} m do not fill its box")
+    gas, number = int(buffer.take("i")[0]), "d" if (major, minor) < (2, 6) else "f"
+    moles, air, _ = buffer.take(f"2{number}i")
+    edge, shape = float(edges[0]), (int(cells[0]), int(cells[1]), int(cells[2]))
+    is_whole = np.isfinite([*corners, edge, *source, moles, air]).all() and 1e-3 <= edge <= 100.0
+    is_filled = (np.abs(corners[:3] + edge * cells - corners[3:]) < 1.01 * edge).all()
+    if not (is_whole and is_filled and min(shape) >= 1 and np.prod(cells) <= MOST_CELLS):
+        raise FilmError(
+            f"{path}: is damaged: {' x '.join(map(str, shape))} cells of {edge:g} m do not fill its box"
+        )
     mode = buffer.text([b"filaments", b"concentrations"]) if major == 3 else b""
+    count = int(buffer.take("Q")[0]) if mode else None
     ppm, filaments = None, np.empty((0, 4))
-    if mode:
-        count = int(buffer.take("Q")[0])
     if mode == b"concentrations":
         values = buffer.rest(np.dtype("<f4")).astype(float)
         if count != len(values) or count != np.prod(cells):
-            raise FilmError(
-                f"{path}: has {len(values):,} of {count:,} concentrations for {int(np.prod(cells)):,} cells"
-            )
-        if not (values >= 0.0).all() or not (values <= LARGEST).all():
+            raise FilmError(f"{path}: has {len(values):,} concentrations for {int(np.prod(cells)):,} cells")
+        if not ((values >= 0.0) & (values <= LARGEST)).all():
             raise FilmError(f"{path}: holds a concentration that is not from 0 to {LARGEST:g} ppm")
         ppm = values.reshape(shape[::-1]).T
     else:
-        number = "<f8" if is_double else "<f4"
-        order = [("place", number, 4), ("n", "<i4")] if mode else [("n", "<i4"), ("place", number, 4)]
-        filaments = buffer.rest(np.dtype(order))["place"].astype(float)
-        if mode and count != len(filaments):
-            raise FilmError(f"{path}: has {len(filaments):,} of {count:,} filaments")
-        good = np.isfinite(filaments).all() and (filaments[:, 3] > 0.0).all()
+        order = [("n", "<i4"), ("place", f"<{number}", 4)]
+        filaments = buffer.rest(np.dtype(order[::-1] if mode else order))["place"].astype(float)
+        good = (
+            count in (None, len(filaments)) and np.isfinite(filaments).all() and (filaments[:, 3] > 0.0).all()
+        )
         if not good or (len(filaments) and not (air > 0.0 and moles >= 0.0)):
-            raise FilmError(f"{path}: is damaged: its filaments have no size, or no moles of gas and air")
+            raise FilmError(
+                f"{path}: is damaged: filaments are missing or have no size, or no moles of gas and air"
+            )
     strength = 1e6 * moles / air / (2.0 * np.pi) ** 1.5 if air > 0.0 else 0.0
     return Result(path, corners[:3], float(edge), shape, source, gas, ppm, filaments, strength)
 

@@ -237,12 +237,9 @@ def _time_names(part: Path, region: str) -> list[str]:
 def steadiness(case: Path, region: str = "") -> tuple[bool | None, str]:
     """Return whether a case is steady, None if its files do not say so, and what they say."""
     system, faults = case / "system", []
-    schemes, control = {}, {}
-    for name in dict.fromkeys((Path(region) / "fvSchemes", Path("fvSchemes"))):
-        if not schemes and exists(system / name):
-            schemes = _entries(system / name, faults)
-    if exists(system / "controlDict"):
-        control = _entries(system / "controlDict", faults)
+    places = dict.fromkeys((region, ""))
+    schemes = next(filter(None, (_entries(system / place / "fvSchemes", faults) for place in places)), {})
+    control = _entries(system / "controlDict", faults)
     stated = (
         " ".join(str(control.get(key, "")) for key in ("application", "solver")).replace('"', " ").split()
     )
@@ -264,7 +261,7 @@ def steadiness(case: Path, region: str = "") -> tuple[bool | None, str]:
 
 def _entries(path: Path, faults: list[str]) -> dict[str, Any]:
     try:
-        return dictionary(path)
+        return dictionary(path) if exists(path) else {}
     except WindFileError as error:
         faults.append(str(error))
         return {}
@@ -276,8 +273,7 @@ def _time_scheme(schemes: object) -> str:
         return ""
     scheme = str(schemes.get("default", ""))
     for key, value in schemes.items():
-        plain = key.replace(" ", "")
-        if plain in ("ddt(U)", "ddt(rho,U)") or _matches(key, "ddt(U)") or _matches(key, "ddt(rho,U)"):
+        if any(text == key.replace(" ", "") or _matches(key, text) for text in ("ddt(U)", "ddt(rho,U)")):
             scheme = str(value)
     return scheme
 

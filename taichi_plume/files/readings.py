@@ -71,13 +71,12 @@ class Readings:
 
 
 class Columns(NamedTuple):
-    """Columns of readings by the keys of COLUMNS, in the units there; names: in the file; remarks: what was assumed."""
+    """Columns of readings by the keys of COLUMNS, in the units there, as `picked`; remarks: what was assumed."""
 
     known: dict[str, np.ndarray]
-    names: dict[str, str]
+    picked: Mapping[str, Picked]
     remarks: tuple[str, ...] = ()
     topics: tuple[str, ...] = ()
-    units: str = ""
 
 
 def read(
@@ -112,7 +111,7 @@ def read(
         read_in = _parquet(path, given, missing)
     else:
         read_in = _csv(path, given, missing)
-    known, names = read_in.known, read_in.names
+    known, names = read_in.known, {key: column.name for key, column in read_in.picked.items()}
     chosen = _of_trial(path, known.get("trial"), trial, _of_group(path, known, group))
     if names["x"] == "believed_x":
         chosen &= known["t"] > 0.0  # a run measures nothing before its first tick
@@ -145,7 +144,7 @@ def read(
         file,
         _robots([known[key][row] for key in TEXTS if key in known]),
     )
-    facts = FileFacts(_facts(readings, read_in.units), (*read_in.remarks, *_doubts(readings)))
+    facts = FileFacts(_facts(readings, _assumed(read_in.picked)), (*read_in.remarks, *_doubts(readings)))
     return replace(readings, facts=facts)
 
 
@@ -196,17 +195,14 @@ def _bag(path: Path, options: BagOptions | None) -> Columns:
             assumed.setdefault(remark, []).append(robot.name)
     remarks = tuple(f"{listed(of)}: {remark}" for remark, of in assumed.items())
     lines = tuple(f"{robot.name}: {robot.topics}" for robot in robots)
-    return Columns(dict(zip(names, columns, strict=True)), {name: name for name in names}, remarks, lines)
+    picked = {name: Picked(n, name, COLUMNS[name].unit) for n, name in enumerate(names)}
+    return Columns(dict(zip(names, columns, strict=True)), picked, remarks, lines)
 
 
 def _csv(path: Path, given: Mapping[str, str], missing: Sequence[float]) -> Columns:
     """Return a CSV's columns of readings. given, missing: see `read`."""
     named = read_columns(TextFile(path, ReadingsError), COLUMNS, given, missing, gaps=True)
-    return Columns(named.values, _names(named.picked), named.remarks, (), _assumed(named.picked))
-
-
-def _names(picked: Mapping[str, Picked]) -> dict[str, str]:
-    return {key: column.name for key, column in picked.items()}
+    return Columns(named.values, named.picked, named.remarks)
 
 
 def _assumed(picked: Mapping[str, Picked]) -> str:
@@ -289,7 +285,7 @@ def _columns(
         except (pa.ArrowException, ValueError):
             raise ReadingsError(f"{path}: {column.name} must be numbers, not {plain(str(kind))}") from None
         remarks += more
-    return Columns(known, _names(picked), tuple(remarks), (), _assumed(picked))
+    return Columns(known, picked, tuple(remarks))
 
 
 def _picked(path: Path, names: list[str], given: Mapping[str, str]) -> dict[str, Picked]:

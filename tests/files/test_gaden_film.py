@@ -205,7 +205,7 @@ def test_the_gas_of_the_results_and_of_the_scenario(tmp_path):
         (struct.pack("<2i", 9, 0), "no result of GADEN 1, 2 or 3"),
         (result((3, 0))[:75], "cut or damaged"),
         (result((3, 0))[:-3], "cut or damaged"),
-        (result((3, 1))[:-20], "has 1 of 2 filaments"),
+        (result((3, 1))[:-20], "filaments are missing"),
         (result((3, 0), kind=b"disk"), "its source is none of point"),
         (result((2, 6), gas=40), "its gas has the number 40"),
         (result((2, 6), np.array([[0.0, 2.5, 0.5, 0.0]])), "is damaged"),
