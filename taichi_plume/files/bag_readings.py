@@ -22,9 +22,9 @@ from taichi_plume.files.bag_frames import Frames, Pose, topics_for
 from taichi_plume.files.bag_poses import GAP, Motion, Positions, between, gaps, in_order
 from taichi_plume.files.bag_topics import GAS, WINDS, chosen, measured_poses, robot_name, wind_topic_of
 from taichi_plume.files.bags import Bag, BagError, Sample, Series, opened, stamp_of
-from taichi_plume.files.conventions import is_missing, split_unit
+from taichi_plume.files.conventions import factor_of, is_missing, split_unit
 from taichi_plume.files.tables import listed
-from taichi_plume.quantities import SCALES, conversion
+from taichi_plume.quantities import SCALES
 from taichi_plume.scenario import si
 from taichi_plume.scenario.metal_oxides import MOX_MODELS, MoxName
 
@@ -278,12 +278,9 @@ def _ppm(where: str, raw: float, units: str, sensor: ros.Message, options: BagOp
     """
     resistance = SCALES["ohm"].get(units.removesuffix("s"))
     if resistance is None:
-        try:
-            return raw * conversion(units, "ppm")[0]
-        except ValueError:
-            raise BagError(
-                f"{where}: the unit of gas is {units}, not ppm, ppb or ohm; give --units"
-            ) from None
+        if (factor := factor_of(units, "ppm")) is None:
+            raise BagError(f"{where}: the unit of gas is {units}, not ppm, ppb or ohm; give --units")
+        return raw * factor
     raw *= resistance
     known = vars(sensor) if sensor else {}
     # in ROS 1 these names end in a capital

@@ -130,6 +130,14 @@ def in_si(values: np.ndarray, written: str, unit: str) -> np.ndarray:
     return values if (factor, offset) == (1.0, 0.0) else factor * values + offset
 
 
+def factor_of(written: str, unit: str) -> float | None:
+    """Return a unit as a multiple of `unit`; None if it does not convert."""
+    try:
+        return conversion(written, unit)[0]
+    except ValueError:
+        return None
+
+
 def times_of(values: np.ndarray, written: str) -> np.ndarray:
     """Return times [s]; written: unit such as "ms", or "hours since 2026-01-01", which gives Unix times.
 

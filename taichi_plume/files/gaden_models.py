@@ -13,7 +13,7 @@ upper voxel. A closed body around `empty_point` is the hull of the air. The mode
 import os
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -35,8 +35,6 @@ SIMULATIONS = "simulations"
 VARIABLE = re.compile(r"\$\(var\s+(\w+)\)")
 PACKAGE = re.compile(r"package://[^/]*/|.*\)[^/]*/")  # the start of a path that ROS resolves
 MOST_VOXELS = 50_000_000
-MOST_PAIRS = 10_000_000  # pairs of a triangle and a voxel in its bounding box
-PER_BODY = 500  # pairs that take as long as a body
 CHUNK = 1 << 19  # pairs tested together
 TOUCH = 1e-4  # voxels: tolerance of faces
 SAME = 1e-5  # voxels: tolerance of corners
@@ -118,16 +116,14 @@ def occupancy(path: Path) -> Occupancy:
     if min(seed) < 0 or (np.array(seed) >= shape).any():
         raise WindFileError(f"{path}: empty_point: lies outside the models")
     cubes = np.full(shape, UNKNOWN, np.int8)
-    work = Work(path, size)
     for triangles, value in ((models, OBSTACLE), (outlets, OUTLET)):
         for body in _bodies((triangles - low) / size):
-            work.add(PER_BODY)
             corner = (body.min(axis=(0, 1)), body.max(axis=(0, 1)))
             begin, last = (np.clip(np.floor(x).astype(int), 0, count.astype(int) - 1) for x in corner)
             box = cubes[tuple(map(slice, begin, last + 1))]
             closed = _is_closed(body)
             if closed:
-                inside = _inside(body - begin, box.shape, work)
+                inside = _inside(body - begin, box.shape)
                 at = tuple(np.array(seed) - begin)
                 if value == OBSTACLE and min(at) >= 0 and (at < np.array(box.shape)).all() and inside[at]:
                     hull = box[inside]
@@ -135,24 +131,9 @@ def occupancy(path: Path) -> Occupancy:
                     box[inside] = hull
                     continue
                 box[inside] = value
-            for cells in _crossed(body - begin, box.shape, work, closed):
+            for cells in _crossed(body - begin, box.shape, closed):
                 box[tuple(cells.T)] = value
     return replace(_filled(path, cubes, seed, low, size), remarks=tuple(remarks))
-
-
-@dataclass
-class Work:
-    """Counter of tested triangle-voxel pairs, which limits the cost of voxelising models."""
-
-    path: Path
-    size: float
-    pairs: int = 0
-
-    def add(self, pairs: int) -> None:
-        """Add pairs that are about to be tested. Raises WindFileError beyond the limit."""
-        self.pairs += pairs
-        if self.pairs > MOST_PAIRS:
-            raise WindFileError(f"{self.path}: too many triangles for cells of {self.size:g} m")
 
 
 def _filled(path: Path, cubes: np.ndarray, seed: tuple[int, ...], low: np.ndarray, size: float) -> Occupancy:
@@ -273,14 +254,14 @@ def _is_closed(triangles: np.ndarray) -> bool:
     return bool((np.unique(edges, axis=0, return_counts=True)[1] % 2 == 0).all())
 
 
-def _inside(triangles: np.ndarray, shape: tuple[int, ...], work: Work) -> np.ndarray:
+def _inside(triangles: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Return a mask of the voxels whose centre is inside a closed body, by counting crossings of rays along x."""
     crossings = np.zeros((shape[0] + 1, *shape[1:]), bool)
     offset = np.array([2e-7, 3e-7])  # from the centre of a column: no ray runs through an edge
     flat = triangles[..., 1:]
     low = np.clip(np.floor(flat.min(axis=1)), 0, np.array(shape[1:]) - 1).astype(int)
     high = np.clip(np.floor(flat.max(axis=1)), 0, np.array(shape[1:]) - 1).astype(int)
-    for which, cells in _pairs(low, high, work):
+    for which, cells in _pairs(low, high):
         a, b, c = (flat[which, n] - (cells + 0.5 + offset) for n in range(3))
         weights = np.stack([_area(b, c), _area(c, a), _area(a, b)], axis=-1)
         total = weights.sum(axis=1)
@@ -295,7 +276,7 @@ def _area(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
-def _crossed(triangles: np.ndarray, shape: tuple[int, ...], work: Work, closed: bool) -> Iterator[np.ndarray]:
+def _crossed(triangles: np.ndarray, shape: tuple[int, ...], closed: bool) -> Iterator[np.ndarray]:
     """Yield indices (n, 3) of voxels that triangles (m, 3, 3) cut; voxels that a closed body only touches are left out.
 
     Separating axes: T. Akenine-Möller, "Fast 3D triangle-box overlap testing", 2001.
@@ -307,18 +288,17 @@ def _crossed(triangles: np.ndarray, shape: tuple[int, ...], work: Work, closed: 
         half[np.ptp(triangles, axis=1) < TOUCH] = 0.5 + 2 * TOUCH
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     offset, reach = (triangles[:, 0] * normal).sum(axis=1), (half * np.abs(normal)).sum(axis=1)
-    for which, cells in _pairs(low, high, work):
+    for which, cells in _pairs(low, high):
         away = np.einsum("nd,nd->n", normal[which], cells + 0.5) - offset[which]
         near = np.abs(away) <= reach[which]  # the plane of the triangle passes through the voxel
         which, cells = which[near], cells[near]
         yield cells[_overlap(triangles[which] - (cells + 0.5)[:, None], half[which])]
 
 
-def _pairs(low: np.ndarray, high: np.ndarray, work: Work) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _pairs(low: np.ndarray, high: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield chunks of (triangle indices, voxels): all voxels from low[n] to high[n], (m, axes), of each triangle n."""
     spans = high - low + 1
     total = np.concatenate([[0], np.cumsum(spans.prod(axis=1))])
-    work.add(int(total[-1]))
     for begin in range(0, int(total[-1]), CHUNK):
         pair = np.arange(begin, min(begin + CHUNK, int(total[-1])))
         which = np.searchsorted(total, pair, side="right") - 1

@@ -10,6 +10,7 @@ import numpy as np
 from taichi_plume.files.conventions import (
     SINCE,
     ConventionError,
+    factor_of,
     in_si,
     split_unit,
     stated_unit,
@@ -19,7 +20,7 @@ from taichi_plume.files.conventions import (
 )
 from taichi_plume.files.stored_arrays import StoredArray
 from taichi_plume.guard.terminal import visible
-from taichi_plume.quantities import conversion, split
+from taichi_plume.quantities import split
 from taichi_plume.scenario.playback import MovieGas
 
 LENGTHS = (
@@ -77,7 +78,7 @@ class Calibration:
         if stated and stated.lower() not in NUMBERS:
             return stated
         whole = unit_of(self.stored.of_file)
-        return whole if whole.lower() not in NUMBERS and _factor(whole, "m") else ""
+        return whole if whole.lower() not in NUMBERS and factor_of(whole, "m") else ""
 
     def _line(self, name: str, n: int) -> Line:
         """Return the line of the coordinates along axis n. Raises ConventionError if they are not equally spaced."""
@@ -179,7 +180,7 @@ class Calibration:
             begin, stated = float(stated[0]), stated - stated[0]
         elif count > 1 and (rate is None or name is not None):
             value, unit = self._number(name or RATES[0], "frame_rate")
-            stated = np.arange(count) / (value * (_factor(unit, "Hz") or 1.0))
+            stated = np.arange(count) / (value * (factor_of(unit, "Hz") or 1.0))
         if rate is None:
             return begin, np.zeros(1) if stated is None else stated
         times = np.arange(count) / rate
@@ -245,8 +246,8 @@ class Calibration:
         """Return a unit of concentration in ppm, by the gas's molar mass for kg/m3 and the like; None if it is none."""
         if SHARE.fullmatch(unit):
             return 1e6
-        share = _factor(unit, "ppm")
-        density = _factor(unit, "kg/m^3")
+        share = factor_of(unit, "ppm")
+        density = factor_of(unit, "kg/m^3")
         return share or (density and density * self.model.vapour.ppm_per_density)
 
     # ------------------------------------------------------------ attributes
@@ -272,11 +273,3 @@ class Calibration:
                 f"give {key}"
             )
         return float(values[0]), unit
-
-
-def _factor(written: str, unit: str) -> float | None:
-    """Return a unit as a multiple of `unit`; None if it does not convert."""
-    try:
-        return conversion(written, unit)[0]
-    except ValueError:
-        return None

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from taichi_plume.files.conventions import factor_of
 from taichi_plume.files.wind_points import WindFileError
 from taichi_plume.guard.safe_open import content_of, encoding_of, inside, open_regular
-from taichi_plume.quantities import conversion
 
 LARGEST_FILE = 1 << 30  # bytes
 LARGEST_LABEL = 2.0**31
@@ -185,10 +185,7 @@ def _factor(written: bytes, unit: str) -> float | None:
         return 1.0 if fits else None
     if NAMED_DIMENSIONS.get(text) == unit:
         return 1.0
-    try:
-        return conversion(text, unit)[0]
-    except ValueError:
-        return None
+    return factor_of(text, unit)
 
 
 def macro_of(body: bytes) -> str:

@@ -288,18 +288,12 @@ def robots_of(
     for batch in batches(path, ("group", "trial", "robot", *columns), optional=("z",)):
         trials.update(pc.unique(batch["trial"]).to_pylist())
         parts.append(batch.filter(pc.equal(batch["trial"], trial)))
-    table = pa.Table.from_batches(parts).unify_dictionaries().sort_by("t")
-    groups, numbers = (
-        np.array(table["group"].cast(pa.string()).to_pylist(), object),
-        table["robot"].to_numpy(),
-    )
-    values = {name: table[name].to_numpy() for name in table.column_names[3:]}
-    values["z"] = np.nan_to_num(values.get("z", np.zeros(len(table))))
-    robots = {}
-    for group in dict.fromkeys(groups):
-        for number in np.unique(numbers[groups == group]).tolist():
-            rows = np.flatnonzero((groups == group) & (numbers == number))
-            robots[group, number] = {name: column[rows] for name, column in values.items()}
+    rows = pa.Table.from_batches(parts).unify_dictionaries().sort_by("t").to_pandas()
+    rows["z"] = rows["z"].fillna(0.0) if "z" in rows else 0.0
+    robots = {
+        (group, number): {name: part[name].to_numpy() for name in (*columns, "z")}
+        for (group, number), part in rows.groupby(["group", "robot"], sort=False, observed=True)
+    }
     return robots, trials
 
 

@@ -232,7 +232,7 @@ def test_readings_and_their_unit_are_chosen_by_keys(tmp_path):
     np.testing.assert_allclose(one.place[:, 0], 1.0 + 0.4 * (one.t - 100.0))
     assert not any("ppm" in remark for remark in resources.facts["robots[0].algorithm"].remarks)
     real["algorithm"]["readings"] = ["/r/enose.data[2]"]
-    with pytest.raises(ScenarioError, match=r"readings /r/enose.data\[2\]: the list has at most 2 entries"):
+    with pytest.raises(ScenarioError, match=r"readings /r/enose.data\[2\]: no message has this number"):
         checked(scenario_from(room(real, gas=PLUME)), tmp_path)
 
 

@@ -57,15 +57,6 @@ def endless() -> ModelProto:
     )
 
 
-def endless_when_loaded() -> ModelProto:
-    """The same of a constant: it is evaluated when the network is loaded."""
-    made = endless()
-    (loop,) = (node for node in made.graph.node if node.op_type == "Loop")
-    loop.input[2] = "c"
-    made.graph.initializer.append(numpy_helper.from_array(np.ones((1, 7), np.float32), "c"))
-    return made
-
-
 def large(size: int = 2**36) -> ModelProto:
     """A constant of 64 GB x 4, made when it is loaded or evaluated."""
     nodes = [
