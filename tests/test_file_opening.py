@@ -40,7 +40,6 @@ CHECKED = {
     "studies/workers.py: cores": "/sys",
     "files/disk.py: written_whole": "a file that it has created",
     "files/disk.py: remove": "a folder",
-    "files/disk.py: discard": "a folder",
     "cli/examples.py: _copy": "a file of the package",
     "files/run_tables.py: _save": "a file that the run has created",
     "record/live.py: _fault": "a file in a temporary folder",

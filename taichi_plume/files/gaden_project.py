@@ -13,6 +13,7 @@ The grid of a project that is not preprocessed is made of the models: see files/
 take precedence over those of the project. GADEN's lengths of filaments are in cm, pressures in atm.
 """
 
+import itertools
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -252,9 +253,8 @@ def _wind(project: _Project, folder: Path) -> dict[str, Any]:
         fault = unopenable(folder / f"{stem}_0.csv")
         if fault:
             raise project.wrong(f"its wind {stem.name}_0.csv {fault}")
-        file, count = f"{stem}_%d.csv", 1
-        while os.path.isfile(folder / f"{stem}_{count}.csv"):
-            count += 1
+        file = f"{stem}_%d.csv"
+        count = next(n for n in itertools.count(1) if not os.path.isfile(folder / f"{stem}_{n}.csv"))
     interval = project.number("wind_step")
     return {"files": file, "interval": interval} | _loop(project, count, interval)
 

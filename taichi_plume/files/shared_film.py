@@ -50,7 +50,7 @@ class AirFilm:
                     raise ValueError(f"{name} is not of {self.frames} frames of {self.shape} cells")
                 zarr_groups.require_chunks(array, name)
         self._kept: dict[int, dict[str, np.ndarray]] = {}
-        self._last: tuple[int, dict[str, np.ndarray]] = (-1, {})  # last block that did not fit into `room`
+        self._last = -1  # last block that did not fit into `room`
 
     def frame(self, n: int) -> dict[str, np.ndarray]:
         """Return all variables at time step n, with ghost cells, axes (x, y, z). Raises AirFilmError."""
@@ -63,8 +63,6 @@ class AirFilm:
         """Return the frames of chunk k by variable, from the cache or the disk."""
         if k in self._kept:
             return self._kept[k]
-        if self._last[0] == k:
-            return self._last[1]
         span = slice(k * CHUNK, (k + 1) * CHUNK)
         with zarr_groups.errors_as(AirFilmError, self.path):
             block = {name: array[span] for name, array in self._arrays.items()}
@@ -72,10 +70,11 @@ class AirFilm:
             raise AirFilmError(f"{self.path}: is damaged: not all of its values are numbers")
         size = sum(values.nbytes for values in block.values())
         if self.held + size <= self.room:
-            self._kept[k] = block
             self.held += size
         else:
-            self._last = k, block
+            self._kept.pop(self._last, None)
+            self._last = k
+        self._kept[k] = block
         return block
 
 

@@ -216,7 +216,7 @@ def test_voxels_of_triangles_are_those_that_samples_lie_in():
     rng = np.random.default_rng(5)
     triangles = rng.uniform(0.5, 9.5, (20, 3, 3))
     found, sampled = np.zeros((10, 10, 10), bool), np.zeros((10, 10, 10), bool)
-    for cells in gaden_models._crossed(triangles, found.shape, gaden_models.Work(Path(), 1.0), False):
+    for cells in gaden_models._crossed(triangles, found.shape, False):
         found[tuple(cells.T)] = True
     weights = rng.dirichlet([0.5, 0.5, 0.5], 100_000)
     for triangle in triangles:
@@ -233,7 +233,7 @@ def test_inside_of_a_closed_body():
     triangles = np.array(faces)
     assert gaden_models._is_closed(triangles)
     assert not gaden_models._is_closed(triangles[1:])
-    inside = gaden_models._inside(triangles, (12, 12, 12), gaden_models.Work(Path(), 1.0))
+    inside = gaden_models._inside(triangles, (12, 12, 12))
     centres = np.stack(np.meshgrid(*[np.arange(12) + 0.5] * 3, indexing="ij"), -1)
     np.testing.assert_array_equal(inside, np.abs(centres - middle).sum(axis=-1) < radius)
     assert len(gaden_models._bodies(np.concatenate([triangles, triangles + 20.0]))) == 2
