@@ -303,7 +303,7 @@ def test_a_uniform_wind_is_played_and_looped_from_a_later_time(tmp_path, name):
     air, _, notes = loaded(path)
     assert (air.loop, air.loop_from, air.loop_to) == (True, 2.0, 6.0)
     assert "its wind is uniform" in notes
-    assert "5 times 0 to 8 s" in load(path).resources.facts["wind"].text
+    assert "8 s from 0 s on, 2 s apart" in load(path).resources.facts["wind"].text
     wind: Any = assemble(load_scenario(path), tmp_path).wind
     upstream = []
     times = [0.0, 1.0, 3.0, 6.0, 7.0, 8.0, 11.0, 13.0, 14.0]
