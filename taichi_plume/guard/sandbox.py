@@ -35,13 +35,12 @@ IGNORED = {"SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2"}  # the parent ha
 @dataclass(frozen=True)
 class Limits:
     """Limits of a call in a child process. seconds: computing time; memory: bytes beyond those in use when the first
-    limited call began; opens: whether files may be opened; written: largest size of a written file.
+    limited call began; opens: whether files may be opened. No file may be written.
     """
 
     seconds: float
     memory: int
     opens: bool = False
-    written: int = 0
 
 
 class ConfinedError(Exception):
@@ -51,17 +50,17 @@ class ConfinedError(Exception):
 class ConfinedProcess:
     """A Python child process (sandbox) that executes function calls for its parent, one at a time.
 
-    environment: additional environment variables. modules: imported at once, without limits.
+    modules: imported at once, without limits.
     """
 
-    def __init__(self, *modules: str, environment: dict[str, str] | None = None):
+    def __init__(self, *modules: str):
         boot = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve()"
         self._process = subprocess.Popen(
             [sys.executable, "-c", boot],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            env={**os.environ, **ONE_THREAD, **(environment or {})},
+            env={**os.environ, **ONE_THREAD},
         )
         self._lock = threading.Lock()
         self._clock = _Clock(self._process)
@@ -201,7 +200,7 @@ def _confine(limits: Limits) -> None:
     """Limit memory, file size and opening of files for the rest of this process, by setrlimit."""
     with suppress(OSError), open("/proc/self/statm", encoding="ascii") as file:
         _limit("RLIMIT_AS", int(file.read().split()[0]) * os.sysconf("SC_PAGE_SIZE") + limits.memory)
-    _limit("RLIMIT_FSIZE", limits.written)
+    _limit("RLIMIT_FSIZE", 0)
     if not limits.opens:
         _limit("RLIMIT_NOFILE", 0)
 

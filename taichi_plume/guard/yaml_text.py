@@ -65,25 +65,19 @@ def decode(content: bytes) -> str:
         raise LineError(f"line {line}: is not UTF-8 text") from None
 
 
-def parse(
-    text: str,
-    kind: str = "a scenario",
-    dates: bool = False,
-    aliases: bool = True,
-    longest_text: int = LONGEST_TEXT,
-) -> Any:
+def parse(text: str, kind: str = "a scenario", dates: bool = False) -> Any:
     """Return the YAML document in `text` as dicts, lists and scalars; None if the text is empty.
 
-    kind: kind of file, for messages. dates: read dates, as texts, instead of refusing them; aliases: whether anchors
-    and aliases are allowed; longest_text: limit of one text [characters]. Raises LineError.
+    kind: kind of file, for messages. dates: read dates, as texts, instead of refusing them. Raises
+    LineError.
     """
     loader = None
     try:
-        loader = _Loader(text, kind, aliases)
+        loader = _Loader(text, kind)
         node = loader.get_single_node()
         if node is None:
             return None
-        _check_tree(node, dates, longest_text)
+        _check_tree(node, dates)
         return loader.construct_document(node)
     except yaml.MarkedYAMLError as error:
         what = " ".join(str(error.problem or error.context).split())
@@ -107,9 +101,9 @@ def parse(
 class _Loader(yaml.SafeLoader):
     """YAML loader that stops as soon as a document is too large or too deeply nested."""
 
-    def __init__(self, text: str, kind: str, aliases: bool):
+    def __init__(self, text: str, kind: str):
         super().__init__(text)
-        self.kind, self.aliases = kind, aliases
+        self.kind = kind
         self.values, self.depth = 0, 0
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
@@ -121,8 +115,6 @@ class _Loader(yaml.SafeLoader):
             raise _fault(event, f"has more than {MOST_VALUES:,} values; is it {self.kind}?")
         if self.depth > DEEPEST:
             raise _fault(event, f"is nested too deeply, more than {DEEPEST} levels")
-        if event.anchor is not None and not self.aliases:
-            raise _fault(event, f"anchors and aliases are not allowed in {self.kind}")
         node = super().compose_node(parent, index)
         self.depth -= 1
         return node
@@ -143,7 +135,7 @@ def _fault(node: yaml.Node | yaml.Event, what: str) -> LineError:
     return LineError(f"{_place(node.start_mark)}{what}")
 
 
-def _check_tree(root: yaml.Node, dates: bool, longest_text: int) -> None:
+def _check_tree(root: yaml.Node, dates: bool) -> None:
     """Raise LineError for unknown tags, duplicate keys, recursive aliases, or aliases that expand too far."""
     sizes: dict[int, int] = {}
     depths: dict[int, int] = {}
@@ -156,7 +148,7 @@ def _check_tree(root: yaml.Node, dates: bool, longest_text: int) -> None:
             return sizes[id(node)]
         _check_kind(node, dates)
         if isinstance(node, yaml.ScalarNode):
-            _check_scalar(node, longest_text)
+            _check_scalar(node)
             sizes[id(node)], depths[id(node)] = weight(node.value), 1
             return sizes[id(node)]
         open_nodes.add(id(node))
@@ -188,19 +180,19 @@ def _check_kind(node: yaml.Node, dates: bool) -> None:
         raise _fault(node, f"{tag} is not taken; plain texts, numbers, lists and mappings are")
 
 
-def _check_scalar(node: yaml.ScalarNode, longest_text: int) -> None:
+def _check_scalar(node: yaml.ScalarNode) -> None:
     if node.tag in _NUMBERS and len(node.value) > LONGEST_NUMBER:
         raise _fault(
             node, f"a number of {len(node.value):,} characters; at most {LONGEST_NUMBER:,} are taken"
         )
-    if fault := text_fault(node.value, longest_text):
+    if fault := text_fault(node.value):
         raise _fault(node, fault)
 
 
-def text_fault(text: str, longest: int = LONGEST_TEXT) -> str | None:
+def text_fault(text: str) -> str | None:
     """Return the reason why a document must not have a text: its length, or a character; None if it may."""
-    if len(text) > longest:
-        return f"a text of {len(text):,} characters; at most {longest:,} are taken"
+    if len(text) > LONGEST_TEXT:
+        return f"a text of {len(text):,} characters; at most {LONGEST_TEXT:,} are taken"
     harmful = (c for c in text if c not in "\n\t" and unicodedata.category(c) in HARMFUL)
     if not text.isprintable() and (character := next(harmful, None)):
         return f"has the character {visible(character)}, which does not print"

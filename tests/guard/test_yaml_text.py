@@ -72,6 +72,3 @@ def test_what_does_not_fit_is_one_line(value, shown, dates):
 
 def test_files_of_other_programs():
     assert parse("a: 2024-05-01", dates=True) == {"a": "2024-05-01"}
-    with pytest.raises(LineError, match="anchors and aliases are not allowed in metadata of a bag"):
-        parse("a: &a 1", "metadata of a bag", aliases=False)
-    assert len(parse("a: " + "x" * 50_000, longest_text=100_000)["a"]) == 50_000
