@@ -62,18 +62,18 @@ WORDS = "Algorithms that declared a position: distance to the nearest source, an
 FAILED = "Failed runs count neither as found nor as not found."
 
 
-def write(standings: Standings, again: str) -> Path:
-    """Write a contest's HTML page; return its path. again: how to repeat the contest. Raises OSError, ScenarioError."""
+def write(standings: Standings) -> Path:
+    """Write a contest's HTML page; return its path. Raises OSError, ScenarioError."""
     rows = standings.rows
     runs, left = sum(row.runs for row in rows), sum(row.failed + row.missing for row in rows)
     return html.write(
-        standings.page, _sections(standings.contest, rows, again),
+        standings.page, _sections(standings.contest, rows),
         name="Contest of search algorithms", what="taichi_plume", about="Page of a contest of taichi_plume",
         status=f"{runs - left:,} of {runs:,} runs", good=not left,
     )  # fmt: skip
 
 
-def _sections(contest: Contest, rows: Sequence[Row], again: str) -> Iterator[Section]:
+def _sections(contest: Contest, rows: Sequence[Row]) -> Iterator[Section]:
     started = [each for each in contest.scenarios if any(row.scenario == each.name for row in rows)]
     yield _whole(contest, [each.name for each in started], rows)
     for scenario in started:
@@ -86,7 +86,7 @@ def _sections(contest: Contest, rows: Sequence[Row], again: str) -> Iterator[Sec
     failures.table(cells, ("", "runs", "message"), FAILED)
     yield failures
     yield Section("How it was measured", "measured", lines=list(MEASURED))
-    yield Section("How to repeat it", "again", lines=[again], code=True)
+    yield Section("How to repeat it", "again", lines=[contest.again], code=True)
 
 
 def _whole(contest: Contest, names: Sequence[str], rows: Sequence[Row]) -> Section:

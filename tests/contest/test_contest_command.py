@@ -12,6 +12,7 @@ from taichi_plume.contests.standings import MEASURES, NO_INTERVALS, Row, show_ta
 from taichi_plume.studies.estimates import SUCCESS
 from taichi_plume.studies.intervals import estimates
 from taichi_plume.studies.results import open_study
+from taichi_plume.studies.study_run import Settings
 
 UPWIND = """
 import numpy as np
@@ -111,6 +112,7 @@ def test_a_contest_is_the_same_again_goes_on_and_bears_a_broken_algorithm(files,
     page = (files / "a" / "contest.html").read_text()
     assert "default-src 'none'" in page
     assert NO_INTERVALS in page
+    assert f"taichi-plume contest {' '.join([*LINE, *own])} --out a" in page
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert "https://" not in page
     assert page.count("data:image/png;base64,") == 2
@@ -151,11 +153,9 @@ def test_a_contest_executes_the_code_that_was_asked_about(files, monkeypatch, an
     monkeypatch.setattr(
         execution, "execute", lambda plan, of: settings.append(of) or SimpleNamespace(status="")
     )
-    choice = execution.Choice(
-        files / "a", ["surge_cast"], ["upwind.py"], scenarios=["meandering"], allow_code=not answer
-    )
-    contest = execution.contest_of(choice)
-    list(execution.play(contest, execution.settings_of(choice, 1, False, False, False)))
+    given = {"files": ["upwind.py"], "scenarios": ["meandering"], "allow_code": not answer}
+    contest = execution.contest_of(execution.Choice(["surge_cast"], out=files / "a", **given))
+    list(execution.play(contest, Settings(files / "a", 1, progress=False)))
     digest = sha256(UPWIND.encode()).hexdigest()
     assert [of.allow_code for of in settings] == [(digest,)]
 
