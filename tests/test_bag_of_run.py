@@ -388,7 +388,7 @@ def test_the_maps_command_takes_a_bag(run, bag, tmp_path, capsys):
 
 def test_a_run_again_on_its_own_ways_reads_the_same(run, tmp_path):
     """Its robots are put where they were and their sensors have the same noise: so they read the same."""
-    bag_of_run.write(open_run(run), tmp_path / "bag", bag_of_run.Choice())
+    bag_of_run.write(open_run(run), tmp_path / "bag")
     text = bag_run.SCENARIO.replace("trials: 2", "trials: 1")
     text = text.replace("    localization: {kind: odometry, veer_deg: 10, distance_scale: 0.1}\n", "")
     for kind in ("random_walk", "casting"):
@@ -484,4 +484,4 @@ def test_a_run_without_robots_and_fields_has_no_bag(run, tmp_path):
     one.__dict__["scenario"] = one.scenario.model_copy(update={"robots": []})
     one.folder = tmp_path
     with pytest.raises(RunFolderError, match="has neither robots nor fields"):
-        bag_of_run.write(one, tmp_path / "bag", bag_of_run.Choice())
+        bag_of_run.write(one, tmp_path / "bag")
