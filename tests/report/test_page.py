@@ -309,8 +309,8 @@ def test_maps_of_rooms_of_any_shape(tmp_path, monkeypatch, drawn, size):
     maps.beside_truth(run, [maps.MapAtEnd("kernel dmv map", 0.1, cells, cells)] * 2)
     (figure,) = drawn
     figure.canvas.draw()
-    whole, (axes, scale) = figure.bbox, figure.axes
-    boxes = [one.get_window_extent() for one in axes.texts]
+    whole, (*panels, scale) = figure.bbox, figure.axes
+    boxes = [one._left_title.get_window_extent() for one in panels]
     assert are_inside([*boxes, scale.yaxis.label.get_window_extent(), scale.get_tightbbox()], whole)
     assert not boxes[0].overlaps(boxes[1])
     assert scale.bbox.height > 100
