@@ -19,7 +19,6 @@ from taichi_plume.studies.plots import compared
 
 DECADES, LOW = 3.0, 0.5  # range of the colour scale, and its lower bound [ppm]
 SHOWN, EVERY = 60.0, 1.0  # s: duration of the mean plume, and between its samples
-POINTS = 120  # points along the longer side
 MEASURED = (
     "A search is successful if a robot comes within 0.25 m of a source within the scenario's time; the robot is then "
     "stopped. NAME_declares is the algorithm NAME judged by its declarations: a search is successful if the first "
@@ -167,29 +166,17 @@ def mean_plume(scenario: Fixed, folder: Path) -> np.ndarray:
 def _computed(scenario: Fixed) -> np.ndarray:
     from taichi_plume.assembly.assemble import assemble
     from taichi_plume.engine import program
-    from taichi_plume.grid import fields
+    from taichi_plume.observed.observer import Observer
+    from taichi_plume.observed.views import output_view
+    from taichi_plume.scenario.outputs import Output
     from taichi_plume.time_loop import Every
 
     whole = scenario.scenario
-    end = min(SHOWN, whole.duration)
-    alone = whole.model_copy(update={"robots": (), "duration": end})
     program.ensure_started()
-    sim = assemble(alone)
-    width, length = whole.floor.size
-    step = max(width, length) / POINTS
-    axes = [(np.arange(round(size / step)) + 0.5) * step for size in (width, length)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    if sim.grid.dim == 3:
-        height = whole.robots[0].sensors.nose.height
-        points = np.concatenate([points, np.full((*points.shape[:2], 1), height)], axis=-1)
-    total, count = np.zeros(points.shape[:2]), 0
-
-    def add(sim) -> None:
-        nonlocal count
-        if sim.t >= 0:
-            total[:] += fields.excess_at(sim.gas, points, sim.t).sum(axis=-1)
-            count += 1
-
-    sim.observers.append(Every(EVERY, add))
+    sim = assemble(whole.model_copy(update={"robots": (), "duration": min(SHOWN, whole.duration)}))
+    height = whole.robots[0].sensors.nose.height if sim.grid.dim == 3 else None
+    observer = Observer(sim, [output_view(sim, Output(at=height), scenario.name)])
+    pictures: list[np.ndarray] = []
+    sim.observers.append(Every(EVERY, lambda sim: pictures.extend(observer.observe(sim).values())))
     sim.run()
-    return (total / max(1, count)).astype(np.float32)
+    return np.nan_to_num(np.mean(pictures, axis=0))
