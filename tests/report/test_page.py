@@ -137,7 +137,7 @@ def test_each_error_of_a_map_has_a_name_of_its_own(drawn):
         "known_fraction": 1.0,
         "mean_gas": over_time,
     }
-    (row,) = facts.map_rows([score], ["gmrf"])
+    (row,) = facts.map_rows([score])
     named = dict(zip(captions.MAP_HEADS, row, strict=True))
     assert len(named) == len(captions.MAP_HEADS)
     figures.scores([score], ["gmrf"])
