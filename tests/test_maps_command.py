@@ -6,6 +6,7 @@ import struct
 import numpy as np
 import pytest
 from readings_log import log
+from scripts import refusal
 
 from taichi_plume.cli import maps
 from taichi_plume.files.readings import read
@@ -15,14 +16,6 @@ from taichi_plume.scenario.maps import TimeSeriesMap
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 GOOD = "t,x,y,reading\n1,0,0,2\n"
-
-
-def refused(*line):
-    """Exit code of the command, whether it returns the code or leaves with it."""
-    try:
-        return maps.main(line)
-    except SystemExit as end:
-        return end.code
 
 
 @pytest.mark.parametrize(
@@ -44,10 +37,8 @@ def test_what_is_wrong_is_reported_in_one_line(text, options, reported, tmp_path
     path = tmp_path / "a.csv"
     if text is not None:
         path.write_text(text)
-    assert refused(str(path), "--size", "2", "1", "--out", str(tmp_path / "out"), *options) == 2
-    error = capsys.readouterr().err
-    assert reported in error
-    assert error.count("\n") == 1
+    line = ["maps", str(path), "--size", "2", "1", "--out", str(tmp_path / "out"), *options]
+    assert reported in refusal(capsys, *line)
     assert not (tmp_path / "out").exists()
 
 
@@ -85,12 +76,9 @@ def test_what_lies_in_the_folder_is_kept_unless_by_force(tmp_path, capsys):
     assert (out / "map.csv").read_bytes() != before
     assert (tmp_path / "out.old" / "map.csv").read_bytes() == before
     for wrong in (path, path / "out"):
-        capsys.readouterr()
-        assert maps.main(["missing.csv", "--size", "1", "1", "--out", str(wrong)]) == 2
-        error = capsys.readouterr().err
+        error = refusal(capsys, "maps", "missing.csv", "--size", "1", "1", "--out", str(wrong))
         assert error.startswith(str(path))
         assert "missing.csv" not in error, "the folder is looked at first"
-        assert error.count("\n") == 1
 
 
 def test_readings_that_are_too_old_make_an_empty_map(tmp_path, capsys):

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pandas as pd
 import pytest
+from scripts import refusal
 
 from taichi_plume.cli.contest import main
 from taichi_plume.contests import execution
@@ -63,14 +64,7 @@ def files(tmp_path):
 )
 def test_what_is_wrong_is_reported_in_a_line(files, monkeypatch, capsys, line, expected):
     monkeypatch.chdir(files)
-    try:
-        code = main(line)
-    except SystemExit as end:
-        code = end.code
-    err = capsys.readouterr().err
-    assert code == 2
-    assert expected in err.splitlines()[-1]
-    assert "Traceback" not in err
+    assert expected in refusal(capsys, "contest", *line)
 
 
 def test_a_folder_of_the_users_with_scenarios_stays_as_it_is(tmp_path, capsys):
