@@ -1,6 +1,9 @@
 """A small run of two kinds of robots that err in where they are, for tests of bags."""
 
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from taichi_plume.cli import run
 
@@ -39,3 +42,22 @@ def made(folder: Path) -> Path:
         run.main([str(folder / "s.yaml"), "--out", str(out), "--quiet", "--no-report", "--no-recording"]) == 0
     )
     return out
+
+
+def messages_of(bag: Path) -> dict[str, list[tuple[int, Any]]]:
+    """Times [ns] and messages by topic, as rosbags reads them."""
+    from rosbags.highlevel import AnyReader
+
+    found: dict[str, list[tuple[int, Any]]] = {}
+    with AnyReader([bag]) as reader:
+        for one, t, data in reader.messages():
+            found.setdefault(one.topic, []).append((t, reader.deserialize(data, one.msgtype)))
+    return found
+
+
+def cloud(message: Any) -> np.ndarray:
+    """Points of a point cloud by the names of their fields."""
+    dtype = np.dtype([(field.name, "<f4") for field in message.fields])
+    assert [field.offset for field in message.fields] == list(range(0, 4 * len(message.fields), 4))
+    assert message.point_step == dtype.itemsize
+    return np.frombuffer(message.data.tobytes(), dtype)

@@ -31,6 +31,25 @@ def python(
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder, env=env)
 
 
+def refused(*line: str) -> object:
+    """Exit code of a command line, whether the command returns the code or leaves with it."""
+    from taichi_plume.__main__ import main
+
+    try:
+        return main([*line])
+    except SystemExit as end:
+        return end.code
+
+
+def refusal(capsys: Any, *line: str) -> str:
+    """Return the one line with which a command line is refused."""
+    capsys.readouterr()
+    assert refused(*line) == 2
+    reported = capsys.readouterr()
+    assert (reported.out, reported.err.count("\n")) == ("", 1)
+    return reported.err
+
+
 def read_result(folder: Path) -> dict[str, Any]:
     """Content of a run's result.json."""
     return json.loads((folder / "result.json").read_text())

@@ -146,7 +146,7 @@ def test_a_map_of_a_log_counts_above_its_background(runs, tmp_path, capsys):
     both.robots[["t", "x", "y", "reading_ppm"]].rename(columns={"reading_ppm": "reading"}).to_csv(
         log, index=False
     )
-    options = ["--kind", "gmrf", "--size", "4", "3", "--background", "420", "--out", str(tmp_path / "map")]
+    options = ["--map", "gmrf", "--size", "4", "3", "--background", "420", "--out", str(tmp_path / "map")]
     assert maps_command([str(log), *options]) == 0
     assert "420 ppm" in capsys.readouterr().out
     assert json.loads((tmp_path / "map/scores.json").read_text())["background_ppm"] == CO2

@@ -10,6 +10,8 @@ import made_run
 import numpy as np
 import pytest
 import rerun as rr
+from bag_run import cloud, messages_of
+from scripts import refusal
 
 from taichi_plume import __version__, open_run
 from taichi_plume.__main__ import main
@@ -43,25 +45,6 @@ def bag(run) -> Path:
 @pytest.fixture(scope="module")
 def said(bag) -> dict[str, list]:
     return messages_of(bag)
-
-
-def messages_of(bag: Path) -> dict[str, list]:
-    """Times [ns] and messages by topic, as rosbags reads them."""
-    from rosbags.highlevel import AnyReader
-
-    found: dict[str, list] = {}
-    with AnyReader([bag]) as reader:
-        for one, t, data in reader.messages():
-            found.setdefault(one.topic, []).append((t, reader.deserialize(data, one.msgtype)))
-    return found
-
-
-def refused(*line: str) -> object:
-    """Exit code of a command, whether it returns the code or leaves with it."""
-    try:
-        return main([*line])
-    except SystemExit as end:
-        return end.code
 
 
 def angle(q):
@@ -103,8 +86,7 @@ def test_options_of_bags_are_of_bags(run, capsys):
         (["--to", "csv", "--trial", "0"], "--trial: is only for --to mcap, plumesim"),
         (["--to", "mcap", "--from", "film"], "--from: film is only for --to netcdf"),
     ):
-        assert refused("export", str(run), *options) == 2
-        assert reported in capsys.readouterr().err
+        assert reported in refusal(capsys, "export", str(run), *options)
 
 
 def test_walls_from_files_elsewhere_are_asked_for(tmp_path, capsys):
@@ -257,13 +239,6 @@ def test_the_map_is_free_where_robots_can_be(said, tmp_path):
     np.testing.assert_array_equal(inner == 100, np.hypot(x - 3.2, y - 2.4) < 0.2)  # its pillar
 
 
-def cloud(one):
-    dtype = np.dtype([(field.name, "<f4") for field in one.fields])
-    assert [field.offset for field in one.fields] == list(range(0, 4 * len(one.fields), 4))
-    assert one.point_step == dtype.itemsize
-    return np.frombuffer(one.data.tobytes(), dtype)
-
-
 def test_the_plume_is_the_recorded_field(run, said):
     fields = open_run(run).fields
     clouds = said["/plume/ethanol"]
@@ -379,16 +354,12 @@ def test_the_maps_command_takes_a_bag(run, bag, tmp_path, capsys):
         (["--model", "nose"], "--model: invalid choice: 'nose'"),
         (["--trial", "3"], "from which to select trial 3"),
     ):
-        capsys.readouterr()
-        assert refused("maps", str(bag), *options, "--out", str(tmp_path / "c"), *wrong) == 2
-        error = capsys.readouterr().err
-        assert reported in error
-        assert error.count("\n") == 1
+        assert reported in refusal(capsys, "maps", str(bag), *options, "--out", str(tmp_path / "c"), *wrong)
 
 
 def test_a_run_again_on_its_own_ways_reads_the_same(run, tmp_path):
     """Its robots are put where they were and their sensors have the same noise: so they read the same."""
-    bag_of_run.write(open_run(run), tmp_path / "bag", bag_of_run.Choice())
+    bag_of_run.write(open_run(run), tmp_path / "bag")
     text = bag_run.SCENARIO.replace("trials: 2", "trials: 1")
     text = text.replace("    localization: {kind: odometry, veer_deg: 10, distance_scale: 0.1}\n", "")
     for kind in ("random_walk", "casting"):
@@ -443,10 +414,7 @@ def test_what_cannot_be_is_reported_in_a_line(run, tmp_path, capsys):
         (["--out", str(tmp_path / "link"), "--force"], "is no folder"),
         (["--out", str(tmp_path / "no" / "bag")], "its folder does not exist"),
     ):
-        assert main(["export", str(run), "--to", "mcap", *options]) == 2
-        error = capsys.readouterr().err
-        assert reported in error
-        assert error.count("\n") == 1
+        assert reported in refusal(capsys, "export", str(run), "--to", "mcap", *options)
     assert sorted(one.name for one in tmp_path.iterdir()) == ["file", "link", "mine"]
 
 
@@ -484,4 +452,4 @@ def test_a_run_without_robots_and_fields_has_no_bag(run, tmp_path):
     one.__dict__["scenario"] = one.scenario.model_copy(update={"robots": []})
     one.folder = tmp_path
     with pytest.raises(RunFolderError, match="has neither robots nor fields"):
-        bag_of_run.write(one, tmp_path / "bag", bag_of_run.Choice())
+        bag_of_run.write(one, tmp_path / "bag")

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from bag_run import cloud, messages_of
 from PIL import Image
 
 import taichi_plume as tp
@@ -70,17 +71,8 @@ def made(request, tmp_path_factory) -> Made:
     options = ["--out", str(folder / "run"), "--quiet", "--no-report", "--no-recording"]
     assert run_command.main([str(folder / "s.yaml"), *options]) == 0
     assert main(["export", str(folder / "run"), "--to", "mcap", "--begin", str(BEGIN)]) == 0
-    return Made(folder, yaw, corner, messages_of(folder / "run" / "bag"))
-
-
-def messages_of(bag: Path) -> dict[str, list[Any]]:
-    from rosbags.highlevel import AnyReader
-
-    found: dict[str, list[Any]] = {}
-    with AnyReader([bag]) as reader:
-        for connection, _, data in reader.messages():
-            found.setdefault(connection.topic, []).append(reader.deserialize(data, connection.msgtype))
-    return found
+    messages = messages_of(folder / "run" / "bag")
+    return Made(folder, yaw, corner, {topic: [one for _, one in its] for topic, its in messages.items()})
 
 
 def cells_of(grid: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -123,10 +115,10 @@ def test_robots_and_gas_are_published_in_the_map(made):
         np.testing.assert_allclose([(p.x, p.y) for p in odom], wanted, atol=1e-6)
         moved = [m.transforms[k].transform.translation for m in made.messages["/tf"]]
         np.testing.assert_allclose([(p.x, p.y) for p in moved], wanted, atol=1e-6)
-    cloud = made.messages["/plume/ethanol"][-1]
-    points = np.frombuffer(cloud.data.tobytes(), np.dtype([(f.name, "<f4") for f in cloud.fields]))
+    gas = made.messages["/plume/ethanol"][-1]
+    points = cloud(gas)
     peak = points[points["ppm"].argmax()]
-    assert cloud.header.frame_id == "map"
+    assert gas.header.frame_id == "map"
     assert np.hypot(peak["x"] - made.corner[0] - 2.1, peak["y"] - made.corner[1] - 1.0) < 0.2
     places, _ = cells_of(made.messages["/gas_maps/map_0"][0])
     np.testing.assert_allclose(places.min(axis=0), made.corner + 0.1, atol=1e-6)

@@ -19,7 +19,6 @@ LISTS = {
     "taichi_plume/scenario/algorithms.py",
     "taichi_plume/scenario/gases.py",
     "taichi_plume/contests/entrants.py",  # who takes part
-    "taichi_plume/report/references.py",  # papers
 }
 NAMESAKES = {
     "taichi_plume/studies/study_keys.py",  # a kind of study is called sweep, as an algorithm

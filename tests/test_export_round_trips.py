@@ -53,7 +53,7 @@ def test_robots_as_csv(run, tmp_path):
     table, log = read(run.folder / "robots.parquet"), read(tmp_path / "tables" / "robots.csv")
     for name in ("t", "place", "reading", "wind"):
         np.testing.assert_allclose(vars(log)[name], vars(table)[name], rtol=1e-6, atol=1e-9)
-    options = ["--size", "2", "1", "--kind", "inverse_distance", "--out"]
+    options = ["--size", "2", "1", "--map", "inverse_distance", "--out"]
     for n, source in enumerate((run.folder, tmp_path / "tables" / "robots.csv")):
         assert maps.main([str(source), *options, str(tmp_path / f"map{n}")]) == 0
     ours, theirs = (

@@ -35,6 +35,7 @@ CHECKED = {
     "contests/execution.py: fixed": "a file of the package",
     "files/bundled.py: example": "a file of the package",
     "report/html.py: page": "a file of the package",
+    "report/references.py: library": "a file of the package",
     "guard/sandbox.py: _confine": "/proc",
     "execution/result.py: _processor": "/proc",
     "studies/workers.py: cores": "/sys",

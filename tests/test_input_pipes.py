@@ -4,8 +4,7 @@ import os
 from pathlib import Path
 
 import pytest
-
-from taichi_plume.cli import maps, run
+from scripts import refusal
 
 SCENARIO = """
 duration: 1
@@ -52,20 +51,15 @@ def case(tmp_path, request) -> Path:
 @pytest.mark.parametrize("what", INPUTS)
 def test_inputs_of_scenarios(case, what, capsys):
     (case / "s.yaml").write_text(SCENARIO.format(**USUAL | INPUTS[what]))
-    assert run.main([str(case / "s.yaml"), "--check", "--allow-outside"]) == 2
-    reported = capsys.readouterr().err
-    assert reported.count("\n") == 1
+    reported = refusal(capsys, "run", str(case / "s.yaml"), "--check", "--allow-outside")
     assert "NAME" in reported or "FOLDER" in reported
 
 
 def test_the_scenario_itself(case, capsys):
-    assert run.main([str(case / "NAME"), "--check"]) == 2
-    assert "cannot be read" in capsys.readouterr().err
+    assert "cannot be read" in refusal(capsys, "run", str(case / "NAME"), "--check")
 
 
 @pytest.mark.parametrize("name", ["NAME", "NAME.csv", "NAME.parquet"])
 def test_readings(case, capsys, name):
-    assert maps.main([str(case / name), "--size", "4", "3", "--out", str(case / "map")]) == 2
-    reported = capsys.readouterr().err
-    assert reported.startswith(f"{case / name}: ")
-    assert reported.count("\n") == 1
+    line = ["maps", str(case / name), "--size", "4", "3", "--out", str(case / "map")]
+    assert refusal(capsys, *line).startswith(f"{case / name}: ")

@@ -194,23 +194,14 @@ def test_nobody_and_nothing():
     assert set(lines) == {"fake-2d", "time", "grid", "flow", "gas"}
 
 
-@pytest.mark.parametrize(
-    ("more", "like"),
-    [
-        ({"as_of_air_changes_per_h": 1.52}, ", as a room of its size with 1.5 air changes per hour"),
-        ({"as_of_air_changes_per_h": -0.1}, ", as closed rooms, or less"),
-        ({}, ""),
-    ],
-)
-def test_how_fast_the_air_mixes(more, like):
+def test_numbers_of_flow_and_gas_have_the_names_of_the_report():
     sim: Any = fake_run.simulation(fake_run.scenario(2, duration=1, robots=[], maps=[]))
     sim.run()
-    content = result.result(sim, "completed", "", "cpu")
-    flow = {"eddy_diffusivity_m2_per_s": 0.00416, "eddy_diffusivity_error_m2_per_s": 0.00056}
-    lines = dict(summary.summary(content | {"flow": flow | more}))
-    mixing = lines["mixing"].removesuffix(" (Cheng et al. 2011)")
-    assert mixing == f"the air mixes by 4.2e-3 m²/s (standard error 0.6e-3){like}"
-    assert "flow" not in lines
+    content = result.result(sim, "completed", "", "cpu") | {"flow": {"eddy_diffusivity_m2_per_s": 0.00416}}
+    lines = dict(summary.summary(content))
+    assert lines["flow"] == "eddy diffusivity [m²/s] 0.00416"
+    assert lines["gas"].startswith("2000 g emitted by the sources, 500 g still in the room")
+    assert lines["gas"].endswith("of the incoming mass unaccounted for")
 
 
 def test_maps_of_one_kind_are_distinguished():

@@ -41,7 +41,7 @@ picture b --at 0.4 --out x.png
 export a --to vtkhdf
 export a --to netcdf
 export a --to csv
-maps a/robots.parquet --kind gmrf --size 1 1 --out m
+maps a/robots.parquet --map gmrf --size 1 1 --out m
 repair a
 scenario --schema
 validation --list

@@ -27,7 +27,7 @@ from scipy.spatial import KDTree
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.files.plumesim_log import read_log
 from taichi_plume.grid.fields import ppm_at
-from taichi_plume.results.network_log import Choice, log_of
+from taichi_plume.results.network_log import log_of
 from taichi_plume.results.run import Run, open_run
 from taichi_plume.time_loop import Every
 from taichi_plume.validation.case import Keys
@@ -93,7 +93,7 @@ def real() -> tuple[str, np.ndarray]:
     data = arena(TURBULENT, GRID_GAS) | {"robots": robots, "rivals": True, "duration": STABLE + 90.0}
     with TemporaryDirectory() as folder:
         run = ran(data, Path(folder))
-        return "".join(log_of(run, Choice())), path_of(run)
+        return "".join(log_of(run)), path_of(run)
 
 
 def path_of(run: Run) -> np.ndarray:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 if TYPE_CHECKING:
     from taichi_plume.contests.standings import Standings
+    from taichi_plume.studies.study_run import End
 
 Count = Annotated[int | None, "N"]
 
@@ -47,25 +48,36 @@ def contest(
     >>> standings.table.algorithm.tolist()
     ['random_walk']
     """
+    ends, standings = held(**locals())
     from taichi_plume.api.study import raise_unless_done
-    from taichi_plume.contests.execution import Choice, contest_of, play, settings_of
-    from taichi_plume.contests.standings import conclude
-    from taichi_plume.guard.input_error import InputError
-    from taichi_plume.guard.safe_open import as_path
 
-    choice = Choice(
-        as_path(out, "out"), algorithms, files, policies, scenarios, quick, seed, airs, searches, allow_code
-    )
-    settings = settings_of(choice, workers, retry, force, progress)
-    settings.check()
-    played = contest_of(choice)
-    ends = list(play(played, settings))
-    try:
-        standings = conclude(played, choice.repetition())
-    except (InputError, OSError):
-        for end in ends:  # the first cause
-            raise_unless_done(end)
-        raise
     for end in ends:
         raise_unless_done(end)
     return standings
+
+
+def held(
+    algorithms: Any = None,
+    *,
+    out: str | Path = Path("contest"),
+    workers: int | None = None,
+    retry: bool = False,
+    force: bool = False,
+    progress: bool = True,
+    again: str = "",
+    **options: Any,
+) -> "tuple[list[End], Standings]":
+    """Let search algorithms compete, see `contest`; return the ends of the studies, and the standings.
+
+    again: how to repeat the contest, by default the call of Python.
+    """
+    from taichi_plume.contests.execution import Choice, contest_of, play
+    from taichi_plume.contests.standings import conclude
+    from taichi_plume.guard.safe_open import as_path
+    from taichi_plume.studies.study_run import Settings
+
+    choice = Choice(algorithms, out=as_path(out, "out"), **options)
+    settings = Settings(choice.out, workers, retry=retry, force=force, progress=progress)
+    settings.check()
+    played = contest_of(choice, again)
+    return list(play(played, settings)), conclude(played)

@@ -1,7 +1,9 @@
 """Data of a run for other programs: ``tp.export(folder, to="netcdf")`` is ``taichi-plume export``."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
 
 NAMES = {
     "vtkhdf": "fields.vtkhdf", "netcdf": "fields.nc", "csv": "", "mcap": "bag", "gaden": "gaden",
@@ -10,11 +12,14 @@ NAMES = {
 """Formats, and the names of their files in the run's folder."""
 SOURCES = {"film": "netcdf", "recording": "netcdf", "probes": "plumesim", "robots": "plumesim"}
 """Sources of an export, and the format of each."""
-ONLY = {
-    "trial": ("mcap", "plumesim"), "begin": ("mcap",), "points": ("mcap",), "least": ("mcap",),
-    "allow_outside": ("mcap",), "full_scale": ("plumesim",), "cell": ("plumesim",),
+FROM_ZERO = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+POSITIVE = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+ONLY: dict[str, tuple[Any, str]] = {
+    "trial": (Annotated[int, Field(ge=0, le=10**6)], "mcap, plumesim"), "begin": (FROM_ZERO, "mcap"),
+    "points": (Annotated[int, Field(ge=1, le=10**7)], "mcap"), "least": (FROM_ZERO, "mcap"),
+    "allow_outside": (bool, "mcap"), "full_scale": (POSITIVE, "plumesim"), "cell": (POSITIVE, "plumesim"),
 }  # fmt: skip
-"""Options that only some formats take."""
+"""Types of the options that only some formats take, and these formats."""
 
 
 def export(
@@ -49,33 +54,22 @@ def export(
 
     Raises InputError and OSError.
     """
+    given = locals()
     from importlib.util import find_spec
-
-    from pydantic import Field
 
     from taichi_plume.guard.input_error import InputError
     from taichi_plume.guard.safe_open import as_path
-    from taichi_plume.results import network_log
     from taichi_plume.results.export import export, export_log
     from taichi_plume.results.run import Run, open_run
     from taichi_plume.scenario.loading import load_part
 
-    from_zero = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
-    positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-    kinds = {
-        "trial": Annotated[int, Field(ge=0, le=10**6)], "points": Annotated[int, Field(ge=1, le=10**7)],
-        "begin": from_zero, "least": from_zero, "full_scale": positive, "cell": positive, "allow_outside": bool,
-    }  # fmt: skip
-    options = {
-        "trial": trial, "begin": begin, "points": points, "least": least, "full_scale": full_scale, "cell": cell,
-        "allow_outside": allow_outside or None,
-    }  # fmt: skip
-    options = {name: value for name, value in options.items() if value is not None}
-    for name, value in options.items():
-        option = f"--{name.replace('_', '-')}"
-        options[name] = load_part(value, option, kinds[name])
-        if to not in ONLY[name]:
-            raise InputError(f"{option}: is only for --to {', '.join(ONLY[name])}")
+    options: dict[str, Any] = {}
+    for name, (kind, formats) in ONLY.items():
+        if given[name] is not None and given[name] is not False:
+            option = f"--{name.replace('_', '-')}"
+            options[name] = load_part(given[name], option, kind)
+            if to not in formats.split(", "):
+                raise InputError(f"{option}: is only for --to {formats}")
     if source is not None and to != SOURCES[source]:
         raise InputError(f"--from: {source} is only for --to {SOURCES[source]}")
     folder = as_path(run, "run")
@@ -88,7 +82,7 @@ def export(
             raise InputError('bags need rosbags: pip install "taichi_plume[ros]"')
         from taichi_plume.results import bag_of_run
 
-        return bag_of_run.write(opened, path, bag_of_run.Choice(**options), force)
+        return bag_of_run.write(opened, path, force, **options)
     if to == "plumesim":
-        return export_log(opened, network_log.Choice(source=source, **options), path, force)  # type: ignore
+        return export_log(opened, path, force, source=source, **options)
     return export(opened, to, path, source, force)

@@ -36,7 +36,7 @@ def maps(
     *,
     size: Annotated[Sequence[Number] | None, "--size LX LY"] = None,
     origin: Annotated[Sequence[Number], "--origin X Y"] = (0.0, 0.0),
-    out: str | Path | None = None,
+    out: Annotated[str | Path | None, "DIR"] = None,
     force: bool = False,
     trial: Annotated["int | None", "N"] = None,
     group: Annotated[str | None, "NAME"] = None,
@@ -49,8 +49,8 @@ def maps(
     """Make a gas map of recorded readings. Return the map.
 
     readings: a run or its folder, robots.parquet of a run, a bag of ROS (a folder, .mcap, .db3, .bag), or a CSV file
-    with the columns t [s], x, y [m] and reading [ppm]; in Python also a DataFrame. map: as in a scenario:
-    '{kind: time_series, alpha: 0.9, cell: 10 cm}'; in Python also a kind, or keys and values. size: edges of the floor
+    with the columns t [s], x, y [m] and reading [ppm]; in Python also a DataFrame. map: a kind, or the map as in a
+    scenario: '{kind: time_series, alpha: 0.9, cell: 10 cm}', in Python also keys and values. size: edges of the floor
     along x and y [m], by default those of the run. origin: lower corner of the floor [m], from which positions in the
     map count, by default 0 0. trial: number of the trial, by default the first. group: group, in a bag a robot, by
     default all robots of the trial. sources: true position of a source [m], to score the peak; may be repeated; by
@@ -67,8 +67,8 @@ def maps(
     type, such as ``["/enose.data[0]"]``), frame, sensor, units, model, air and upwind; `origin` is a position in that
     frame.
 
-    out: folder for map.csv, map.png and scores.json, in Python by default none. force: rename the folder of an earlier
-    map to `out`.old.
+    out: folder for map.csv, map.png and scores.json, by default none. force: rename the folder of an earlier map to
+    `out`.old.
 
     All readings count unless the map's parameters limit their age. Raises InputError (ReadingsError, ScenarioError,
     RunFolderError), whose lines name the options of the command, and OSError.

@@ -2,7 +2,7 @@
 
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 if TYPE_CHECKING:
     from taichi_plume.studies.plan import Source
@@ -43,18 +43,23 @@ def study(
     >>> len(results.trials())
     4
     """
+    end = held(**locals())
+    from taichi_plume.studies.results import Results
+
+    raise_unless_done(end)
+    return Results(end.folder)
+
+
+def held(source: "Source", out: str | Path | None = None, **options: Any) -> "End":
+    """Execute the missing runs of a study, see `study`; return how that ended."""
     from taichi_plume.guard.safe_open import as_path
     from taichi_plume.studies.plan import load_plan
-    from taichi_plume.studies.results import Results
     from taichi_plume.studies.study_run import Settings, execute
 
-    plan = load_plan(source, allow_outside, progress)
-    folder = plan.default_out if out is None else as_path(out, "out")
-    settings = Settings(
-        folder, workers, scheduler, retry, force, progress, allow_code, allow_outside, dashboard, report
-    )
-    raise_unless_done(execute(plan, settings))
-    return Results(settings.out)
+    settings = Settings(Path() if out is None else as_path(out, "out"), **options)
+    settings.check()
+    plan = load_plan(source, settings.allow_outside, settings.progress)
+    return execute(plan, settings if out is not None else settings._replace(out=plan.default_out))
 
 
 def raise_unless_done(end: "End", level: int = 3) -> None:

@@ -64,14 +64,16 @@ def run(
     run from its checkpoint. Other options are those of `simulate`.
     """
     quiet, debug = options.get("progress") is False, options.pop("debug")
-    allow = options.pop("allow_code", False) or [text.lower() for text in options.pop("allow_sha256", ())]
-    outside = options.pop("allow_outside", False)
+    digests = [text.lower() for text in options.pop("allow_sha256", ())]
+    options["allow_code"] = options.get("allow_code") or digests
     if resume is not None:
-        return carry_out(lambda: _resume(resume, allow, outside, **options), quiet, debug)
+        from taichi_plume.execution.execute import resumed
+
+        return carry_out(lambda: resumed(resume, **options), quiet, debug)
     from taichi_plume.assembly.preparation import load
 
     assert scenario is not None, "main requires a scenario unless --resume is given"
-    prepared = load(scenario, overrides_of(options), outside)
+    prepared = load(scenario, overrides_of(options), options.pop("allow_outside", False))
     at_the_end = check and sys.stdout.isatty()  # after the output, where notes would scroll away
     for warning in () if quiet or at_the_end else prepared.resources.warnings:
         say(f"note: {warning}", error=True)
@@ -83,36 +85,13 @@ def run(
         return 0
     from taichi_plume.execution.execute import new_run
 
-    return carry_out(lambda: new_run(prepared, **options, allow_code=allow, ask=True), quiet, debug)
+    return carry_out(lambda: new_run(prepared, **options, ask=True), quiet, debug)
 
 
 def overrides_of(options: dict[str, Any]) -> list[str]:
     """Remove ``--set``, ``--seed`` and ``--duration`` from the options and return them as changes of keys."""
     values = {key: options.pop(key) for key in ("seed", "duration") if key in options}
     return [*options.pop("overrides", ()), *(f"{key}={value}" for key, value in values.items())]
-
-
-def _resume(run: Path, allow: bool | list[str], outside: bool, **options: Any) -> "Outcome":
-    """Resume an interrupted run from the checkpoint in its folder. Raises InputError and RunError."""
-    from taichi_plume.assembly.own_code import execute
-    from taichi_plume.assembly.preparation import load
-    from taichi_plume.engine import program
-    from taichi_plume.execution import execute as execution
-    from taichi_plume.execution.checkpoint_reading import require_same, saved
-    from taichi_plume.files.run_folder import RunFolder
-    from taichi_plume.record.live import open_viewer
-
-    with RunFolder.again(run) as folder:
-        checkpoint = saved(folder.path)
-        prepared = load(folder.path / "scenario.yaml", (), outside)
-        require_same(folder.path, checkpoint["inputs"], execution.inputs_of(prepared)[1:])
-        execute(prepared, allow, ask=True)
-        arch, recording = options.pop("arch", checkpoint["arch"]), checkpoint["recording"]
-        backend = program.start(arch)
-        viewer = open_viewer() if options.pop("live", False) and recording else None
-        return execution.run(
-            execution.Job(prepared, folder, arch, backend, recording, checkpoint, viewer, **options)
-        )
 
 
 def carry_out(run: "Callable[[], Outcome]", quiet: bool, debug: bool) -> int:

@@ -87,8 +87,6 @@ def serve(
     Other options are those of `simulate`.
     """
     debug, quiet = options.pop("debug"), options.get("progress") is False
-    arch, allow_code = options.pop("arch", "cpu"), options.pop("allow_code", False)
-    out, force = options.pop("out", None), options.pop("force", False)
     missing = [name for package, name in NEEDED.items() if find_spec(package) is None]
     if missing:
         raise InputError(f"needs {', '.join(missing)}: pip install 'taichi_plume[ros]'")
@@ -104,22 +102,15 @@ def serve(
     _require_names(scenario, [group.name for group in settings.robots])
     for warning in () if quiet else prepared.resources.warnings:
         say(f"note: {warning}", error=True)
-    from taichi_plume.assembly.own_code import execute
-    from taichi_plume.engine import program
-    from taichi_plume.execution.execute import Job, inputs_of, run
-    from taichi_plume.files.run_folder import RunFolder
+    from taichi_plume.execution.execute import new_run
     from taichi_plume.serve.service import Pace, Service
 
-    execute(prepared, allow_code, ask=True)
     settings = settings.model_copy(update={"checkpoint": None})  # external robots cannot be restored
     prepared = prepared._replace(scenario=settings)
-    backend = program.start(arch)
     pace = Pace(inf if speed == "max" else float(speed), wait, at_once)
     with _links(bind, websocket, allow_origin, settings.name, quiet) as links:
         service = Service(pace, links, quiet)
-        with RunFolder(settings.name, out, force, inputs=inputs_of(prepared)) as folder:
-            job = Job(prepared, folder, arch, backend, service=service, **options)
-            return carry_out(lambda: run(job), quiet, debug)
+        return carry_out(lambda: new_run(prepared, service=service, ask=True, **options), quiet, debug)
 
 
 def _require_names(file: Path, names: Sequence[str]) -> None:

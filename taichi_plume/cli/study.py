@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from taichi_plume.api.study import study
+from taichi_plume.api.study import held, study
 from taichi_plume.cli.exit_codes import exit_code
 from taichi_plume.cli.options import parser_of
 from taichi_plume.execution.signals import reader_may_leave
@@ -48,18 +48,16 @@ def run(
 
     Other options are those of `study`.
     """
-    from taichi_plume.studies.plan import MOST_RUNS, SAMPLE, load_plan
-    from taichi_plume.studies.study_run import Settings, execute, print_check
-
-    debug, settings = options.pop("debug"), Settings(out or Path(), **options)
-    settings.check()
-    plan = load_plan(source, settings.allow_outside, settings.progress, SAMPLE if check else MOST_RUNS)
-    settings = settings._replace(out=out or plan.default_out)
+    debug, progress = options.pop("debug"), options.get("progress", True)
     if check:
+        from taichi_plume.studies.plan import SAMPLE, load_plan
+        from taichi_plume.studies.study_run import print_check
+
+        plan = load_plan(source, options.get("allow_outside", False), progress, SAMPLE)
         with reader_may_leave():
-            print_check(plan, settings.out)
+            print_check(plan, out or plan.default_out)
         return 0
-    return print_end(execute(plan, settings), not settings.progress, debug, settings.report)
+    return print_end(held(source, out, **options), not progress, debug, options.get("report", True))
 
 
 def print_end(end: "End", quiet: bool, debug: bool = False, report: bool = True) -> int:

@@ -6,6 +6,7 @@ MAY_IMPORT: tuple[str, ...] = (
     "files",
     "grid",
     "guard",
+    "observed",
     "report",
     "scenario",
     "scoring",

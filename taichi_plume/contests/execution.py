@@ -6,11 +6,10 @@ holds `scenarios/NAME.yaml` and `NAME.study.yaml`, the folder `NAME` of each stu
 `contest.html`. Runs, airs, workers and resuming work as in studies.
 """
 
-import shlex
 from collections.abc import Iterator, Sequence
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
 
 import yaml
 from pydantic import Field
@@ -22,7 +21,7 @@ from taichi_plume.files import disk, own_folder
 from taichi_plume.files.own_class import CLASSES, OwnFile
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.safe_open import unopenable
-from taichi_plume.guard.terminal import notebook_display, say, visible
+from taichi_plume.guard.terminal import notebook_display, say
 from taichi_plume.scenario.loading import ScenarioError, load_part, scenario_from
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.studies.plan import load_plan
@@ -42,14 +41,7 @@ NAMES = ("open_2d", "open_3d", "meandering", "closed_room", "obstacles", "two_so
 """Names of the scenarios in the order of execution and of the tables."""
 QUICK = ("open_2d",)
 """Scenarios of `--quick`."""
-_NAMES = Annotated[list[str], Field(min_length=1)] | None
-_ALGORITHMS = Annotated[list[str | dict[str, Any]], Field(min_length=1)] | None
-_SEED = Annotated[int, Field(ge=0, lt=1 << 32, strict=True)] | None
-_COUNT = Annotated[int, Field(ge=1, le=4096, strict=True)] | None
-_FILES = list[Path]
-KINDS = {"algorithms": _ALGORITHMS, "scenarios": _NAMES, "files": _FILES, "policies": _FILES, "seed": _SEED}
-KINDS |= {"airs": _COUNT, "searches": _COUNT}
-"""Types of the options of a contest, by name."""
+Count = Annotated[int, Field(ge=1, le=4096, strict=True)] | None
 
 
 class Fixed(NamedTuple):
@@ -88,45 +80,34 @@ def fixed(name: str, seed: int | None = None, searches: int | None = None) -> Fi
 
 
 class Choice(NamedTuple):
-    """Options of a contest. algorithms: names, and sections of classes; scenarios: names; None for all. files,
-    policies: of the user's algorithms.
+    """Options of a contest, as of `taichi_plume.contest`."""
 
-    quick: one scenario with few airs; seed: of airs, starts and noise; airs: number in each scenario; searches: number
-    in each air.
-    """
-
-    out: Path = Path("contest")
-    algorithms: Sequence[str | dict[str, Any]] | None = None
-    files: Sequence[str | Path] = ()
-    policies: Sequence[str | Path] = ()
-    scenarios: Sequence[str] | None = None
+    algorithms: Annotated[list[str | dict[str, Any]], Field(min_length=1)] | None = None
+    files: list[Path] = []  # noqa: RUF012  never changed
+    policies: list[Path] = []  # noqa: RUF012
+    scenarios: Annotated[list[str], Field(min_length=1)] | None = None
     quick: bool = False
-    seed: int | None = None
-    airs: int | None = None
-    searches: int | None = None
+    seed: Annotated[int, Field(ge=0, lt=1 << 32, strict=True)] | None = None
+    airs: Count = None
+    searches: Count = None
+    out: Path = Path("contest")
     allow_code: bool = False
 
-    def repetition(self) -> str:
-        """Return the command line that repeats the contest or, if Python code gave classes, the call of Python."""
-        if any(not isinstance(algorithm, str) for algorithm in self.algorithms or ()):
-            return self._call()
-        words = ["python", "-m", "taichi_plume", "contest"]
-        for name, files in (("--algorithm", self.files), ("--policy", self.policies)):
-            words += [word for file in files for word in (name, str(file))]
-        words += ["--allow-code"] * self.allow_code + ["--quick"] * self.quick
-        for name, names in (("--scenarios", self.scenarios), ("--algorithms", self.algorithms)):
-            words += [name, ",".join(map(str, names))] if names is not None else []
-        numbers = {"--seed": self.seed, "--airs": self.airs, "--searches": self.searches}
-        words += [word for name, n in numbers.items() if n is not None for word in (name, str(n))]
-        return shlex.join([*words, "--out", str(self.out)])
+    def checked(self) -> "Choice":
+        """Return the options as their types. Raises ScenarioError."""
+        kinds = get_type_hints(Choice, include_extras=True)
+        given = {name: value for name, value in self._asdict().items() if name != "out"}
+        return self._replace(**{name: load_part(value, name, kinds[name]) for name, value in given.items()})
 
-    def _call(self) -> str:
-        algorithms = ", ".join(map(_call_of, self.algorithms or ()))
+    def call(self) -> str:
+        """Return the call of Python that repeats the contest."""
         keys = {key: value for key, value in self._asdict().items() if value != self._field_defaults[key]}
         keys |= {key: list(map(str, keys[key])) for key in ("files", "policies") if key in keys}
-        keys |= {"out": str(self.out)}
-        others = [f"{key}={value!r}" for key, value in keys.items() if key != "algorithms"]
-        return f"tp.contest({', '.join([f'[{algorithms}]', *others])})"
+        given = [f"{key}={value!r}" for key, value in keys.items() if key not in ("algorithms", "out")]
+        given += [f"out={str(self.out)!r}"]
+        if self.algorithms is not None:
+            given.insert(0, f"[{', '.join(map(_call_of, self.algorithms))}]")
+        return f"tp.contest({', '.join(given)})"
 
 
 def _call_of(algorithm: str | dict[str, Any]) -> str:
@@ -141,6 +122,7 @@ class Contest(NamedTuple):
     """Settings of a contest. out: folder of the contest; airs: number of airs in each scenario.
 
     allowed: SHA-256 of the Python files with algorithms that the user has allowed; no other code is executed.
+    again: how to repeat the contest.
     """
 
     out: Path
@@ -148,6 +130,7 @@ class Contest(NamedTuple):
     entrants: tuple[Entrant, ...]
     airs: int
     allowed: tuple[str, ...] = ()
+    again: str = ""
 
     @property
     def searches(self) -> int:
@@ -159,30 +142,25 @@ class Contest(NamedTuple):
         return self.out / scenario.name
 
 
-def settings_of(choice: Choice, workers: int | None, retry: bool, force: bool, progress: bool) -> Settings:
-    """Return the settings of a contest's studies. Own algorithms may lie anywhere."""
-    return Settings(
-        choice.out, workers, retry=retry, force=force, progress=progress, allow_outside=True, report=False
-    )  # fmt: skip
-
-
-def contest_of(choice: Choice) -> Contest:
+def contest_of(choice: Choice, again: str = "") -> Contest:
     """Return the contest of the chosen scenarios and algorithms. Raises ScenarioError for values that do not fit, and
     for Python files that the user does not allow.
+
+    again: how to repeat the contest, by default the call of Python.
     """
-    keys = {name: load_part(getattr(choice, name), name, kind) for name, kind in KINDS.items()}
-    choice = choice._replace(**keys)
+    choice = choice.checked()
     names = scenarios(choice.scenarios, QUICK if choice.quick else NAMES)
-    entries = entrants(choice.algorithms, list(map(Path, choice.files)), list(map(Path, choice.policies)))
-    digests = {str(path): OwnFile.read(Path(path), None).digest for path in choice.files}
+    entries = entrants(choice.algorithms, choice.files, choice.policies)
+    digests = {str(path): OwnFile.read(path, None).digest for path in choice.files}
     asked = {} if choice.allow_code else digests
     refused = [not_allowed(path) for path, digest in asked.items() if not has_permission(path, digest)]
     if refused:
         raise ScenarioError(refused)
     searches = choice.searches or (QUICK_SEARCHES if choice.quick else SEARCHES)
     airs = choice.airs or (QUICK_AIRS if choice.quick else AIRS)
-    chosen_scenarios = tuple(fixed(name, choice.seed, searches) for name in names)
-    return Contest(choice.out, chosen_scenarios, tuple(entries), airs, tuple(digests.values()))
+    chosen = tuple(fixed(name, choice.seed, searches) for name in names)
+    allowed = tuple(digests.values())
+    return Contest(choice.out, chosen, tuple(entries), airs, allowed, again or choice.call())
 
 
 def scenarios(names: Sequence[str] | None, unless: Sequence[str]) -> list[str]:
@@ -226,25 +204,14 @@ def plans(contest: Contest) -> list["Plan"]:
 def play(contest: Contest, settings: Settings) -> Iterator["End"]:
     """Execute the missing runs of a contest, yield the end of each scenario's study. Raises the errors of `plans`.
 
-    settings: of the studies; `out` and `allow_code` are replaced.
+    settings: of the studies; `out` and what code is allowed are those of the contest.
     """
     for plan, scenario in zip(plans(contest), contest.scenarios, strict=True):
         if settings.progress:
             line = f"{scenario.name}: {len(contest.entrants)} algorithms in {contest.airs} airs"
             say(line, error=notebook_display() is None)
-        end = execute(plan, settings._replace(out=contest.study(scenario), allow_code=contest.allowed))
+        own = {"allow_code": contest.allowed, "allow_outside": True}  # own algorithms may lie anywhere
+        end = execute(plan, settings._replace(out=contest.study(scenario), report=False, **own))
         yield end
         if end.status == "interrupted":
             return
-
-
-def chosen(names: str | None) -> Sequence[str] | None:
-    """Split names at commas; None stays None. Raises ScenarioError for an empty name."""
-    if names is None:
-        return None
-    parts = [name.strip() for name in names.split(",")]
-    if not all(parts):
-        raise ScenarioError(
-            [f"'{visible(names)}': give names with commas between, such as open_2d,meandering"]
-        )
-    return parts

@@ -19,7 +19,6 @@ from taichi_plume.studies.plots import compared
 
 DECADES, LOW = 3.0, 0.5  # range of the colour scale, and its lower bound [ppm]
 SHOWN, EVERY = 60.0, 1.0  # s: duration of the mean plume, and between its samples
-POINTS = 120  # points along the longer side
 MEASURED = (
     "A search is successful if a robot comes within 0.25 m of a source within the scenario's time; the robot is then "
     "stopped. NAME_declares is the algorithm NAME judged by its declarations: a search is successful if the first "
@@ -62,18 +61,18 @@ WORDS = "Algorithms that declared a position: distance to the nearest source, an
 FAILED = "Failed runs count neither as found nor as not found."
 
 
-def write(standings: Standings, again: str) -> Path:
-    """Write a contest's HTML page; return its path. again: how to repeat the contest. Raises OSError, ScenarioError."""
+def write(standings: Standings) -> Path:
+    """Write a contest's HTML page; return its path. Raises OSError, ScenarioError."""
     rows = standings.rows
     runs, left = sum(row.runs for row in rows), sum(row.failed + row.missing for row in rows)
     return html.write(
-        standings.page, _sections(standings.contest, rows, again),
+        standings.page, _sections(standings.contest, rows),
         name="Contest of search algorithms", what="taichi_plume", about="Page of a contest of taichi_plume",
         status=f"{runs - left:,} of {runs:,} runs", good=not left,
     )  # fmt: skip
 
 
-def _sections(contest: Contest, rows: Sequence[Row], again: str) -> Iterator[Section]:
+def _sections(contest: Contest, rows: Sequence[Row]) -> Iterator[Section]:
     started = [each for each in contest.scenarios if any(row.scenario == each.name for row in rows)]
     yield _whole(contest, [each.name for each in started], rows)
     for scenario in started:
@@ -86,7 +85,7 @@ def _sections(contest: Contest, rows: Sequence[Row], again: str) -> Iterator[Sec
     failures.table(cells, ("", "runs", "message"), FAILED)
     yield failures
     yield Section("How it was measured", "measured", lines=list(MEASURED))
-    yield Section("How to repeat it", "again", lines=[again], code=True)
+    yield Section("How to repeat it", "again", lines=[contest.again], code=True)
 
 
 def _whole(contest: Contest, names: Sequence[str], rows: Sequence[Row]) -> Section:
@@ -167,29 +166,17 @@ def mean_plume(scenario: Fixed, folder: Path) -> np.ndarray:
 def _computed(scenario: Fixed) -> np.ndarray:
     from taichi_plume.assembly.assemble import assemble
     from taichi_plume.engine import program
-    from taichi_plume.grid import fields
+    from taichi_plume.observed.observer import Observer
+    from taichi_plume.observed.views import output_view
+    from taichi_plume.scenario.outputs import Output
     from taichi_plume.time_loop import Every
 
     whole = scenario.scenario
-    end = min(SHOWN, whole.duration)
-    alone = whole.model_copy(update={"robots": (), "duration": end})
     program.ensure_started()
-    sim = assemble(alone)
-    width, length = whole.floor.size
-    step = max(width, length) / POINTS
-    axes = [(np.arange(round(size / step)) + 0.5) * step for size in (width, length)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    if sim.grid.dim == 3:
-        height = whole.robots[0].sensors.nose.height
-        points = np.concatenate([points, np.full((*points.shape[:2], 1), height)], axis=-1)
-    total, count = np.zeros(points.shape[:2]), 0
-
-    def add(sim) -> None:
-        nonlocal count
-        if sim.t >= 0:
-            total[:] += fields.excess_at(sim.gas, points, sim.t).sum(axis=-1)
-            count += 1
-
-    sim.observers.append(Every(EVERY, add))
+    sim = assemble(whole.model_copy(update={"robots": (), "duration": min(SHOWN, whole.duration)}))
+    height = whole.robots[0].sensors.nose.height if sim.grid.dim == 3 else None
+    observer = Observer(sim, [output_view(sim, Output(at=height), scenario.name)])
+    pictures: list[np.ndarray] = []
+    sim.observers.append(Every(EVERY, lambda sim: pictures.extend(observer.observe(sim).values())))
     sim.run()
-    return (total / max(1, count)).astype(np.float32)
+    return np.nan_to_num(np.mean(pictures, axis=0))

@@ -8,7 +8,6 @@ import numpy as np
 
 from taichi_plume.contests.execution import AXIS, KIND, Contest
 from taichi_plume.files import disk
-from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.terminal import say, show, visible
 from taichi_plume.scoring.declarations import OUTCOMES
 from taichi_plume.scoring.trials import LEAST_VALUES
@@ -117,25 +116,25 @@ class Standings:
         return "\n".join([frame.to_string(index=False), *notes(self.rows)])
 
 
-def conclude(contest: Contest, again: str) -> Standings:
-    """Write contest.csv, contest.parquet and the page of the finished runs; equal rows make equal tables.
+def conclude(contest: Contest) -> Standings:
+    """Write contest.csv, contest.parquet and the page of the finished runs, if any; equal rows make equal tables.
 
-    again: how to repeat the contest, for the page. Raises RunFolderError, OSError.
+    Raises RunFolderError, OSError.
     """
     from taichi_plume.contests import page
 
     names = [each.name for each in contest.scenarios if (contest.study(each) / "plan.parquet").is_file()]
-    if not names:
-        raise RunFolderError("nothing has been run yet")
     rows = [row for name in names for row in _rows(contest, name)]
     standings = Standings(contest, rows, contest.out / f"{KIND}.html")
+    if not rows:
+        return standings
     table = standings.table
     table.attrs.clear()
     with disk.written_whole(contest.out / f"{KIND}.csv") as fresh:
         table.to_csv(fresh, index=False, lineterminator="\n", float_format="%.6g")
     with disk.written_whole(contest.out / f"{KIND}.parquet") as fresh:
         table.to_parquet(fresh, index=False)
-    page.write(standings, again)
+    page.write(standings)
     return standings
 
 

@@ -7,12 +7,12 @@ import traceback
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from taichi_plume.assembly import own_code
-from taichi_plume.assembly.preparation import Prepared
+from taichi_plume.assembly.preparation import Prepared, load
 from taichi_plume.engine import program
-from taichi_plume.execution import result
+from taichi_plume.execution import checkpoint_reading, result
 from taichi_plume.execution.latest_instant import InstantFile
 from taichi_plume.execution.outputs import About, Outputs
 from taichi_plume.execution.progress import NotebookBar, TerminalBar, progress_bar
@@ -138,25 +138,41 @@ def new_run(
     arch: str = "cpu",
     *,
     force: bool = False,
-    recording: bool = True,
     live: bool = False,
-    report: bool = True,
-    progress: bool | None = None,
     allow_code: Permission = False,
     ask: bool = False,
-    watch: Path | None = None,
+    **options: Any,
 ) -> Outcome:
     """Execute a checked scenario into a run folder, `out` or the first free runs/NAME-N. Raises as `run`.
 
     force: rename the folder of an earlier run. live: show the recording in a viewer. ask: ask at a terminal whether
-    the scenario's Python files may be executed, unless `allow_code`. For the others see `Job`.
+    the scenario's Python files may be executed, unless `allow_code`. options: of `Job`.
     """
     own_code.execute(prepared, allow_code, ask)
     backend = program.start(arch)
     with RunFolder(prepared.scenario.name, out, force, inputs=inputs_of(prepared)) as folder:
-        viewer = open_viewer() if live else None
-        job = Job(prepared, folder, arch, backend, recording, None, viewer, report, None, progress, watch)
-        return run(job)
+        return run(Job(prepared, folder, arch, backend, live=open_viewer() if live else None, **options))
+
+
+def resumed(
+    path: Path,
+    arch: str | None = None,
+    *,
+    live: bool = False,
+    allow_code: Permission = False,
+    allow_outside: bool = False,
+    **options: Any,
+) -> Outcome:
+    """Resume an interrupted run from the checkpoint in its folder; options: of `Job`. Raises as `run`."""
+    with RunFolder.again(path) as folder:
+        saved = checkpoint_reading.saved(folder.path)
+        prepared = load(folder.path / "scenario.yaml", (), allow_outside)
+        checkpoint_reading.require_same(folder.path, saved["inputs"], inputs_of(prepared)[1:])
+        own_code.execute(prepared, allow_code, ask=True)
+        arch, recording = str(arch or saved["arch"]), saved["recording"]
+        backend = program.start(arch)
+        viewer = open_viewer() if live and recording else None
+        return run(Job(prepared, folder, arch, backend, recording, saved, viewer, **options))
 
 
 def run(job: Job) -> Outcome:

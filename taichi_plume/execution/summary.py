@@ -1,7 +1,7 @@
 """Text summary of a run's result, for the terminal and the report."""
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 from statistics import mean
@@ -19,6 +19,41 @@ DECLARED = (
     ("declared_time_s", "time to declare", " s"),
 )
 """Scores of declarations: key, title and unit."""
+BUDGET = {
+    "initial_kg": "in the room at the start",
+    "emitted_kg": "emitted by the sources",
+    "inflow_kg": "brought in by the air",
+    "in_domain_kg": "still in the room at the end",
+    "outflow_kg": "carried out by the air",
+    "taken_up_kg": "taken up by surfaces",
+}
+FLOW = {
+    "max_divergence": ("largest divergence", "should be nearly zero: conservation of air"),
+    "max_courant": (
+        "largest Courant number",
+        "cells crossed by the air in a step; the scheme is stable up to 1.3 (CFL)",
+    ),
+    "correction": (
+        "largest correction",
+        "change of the given wind that makes it conserve air, over its speed; from 0.5 on it is another wind",
+    ),
+    "max_speed": ("largest speed [m/s]", ""),
+    "wall_y_plus_median": (
+        "median y+ at the walls",
+        "of the middles of the cells at the domain's walls, by the law of the wall; resolved below 3",
+    ),
+    "wall_y_plus_max": ("largest y+ at the walls", "at the end of the run"),
+    "eddy_diffusivity_m2_per_s": (
+        "eddy diffusivity [m²/s]",
+        "mixing of the air, from particles in flows of this kind; 0.001 to 0.013 was measured in homes "
+        "(Cheng et al. 2011, doi:10.1021/es103080p)",
+    ),
+    "eddy_diffusivity_error_m2_per_s": ("its standard error [m²/s]", ""),
+    "as_of_air_changes_per_h": (
+        "air changes per hour of equally mixed rooms",
+        "in rooms of this volume, by the law of Cheng et al. 2011; below 0: less than closed rooms",
+    ),
+}
 
 
 def print_summary(content: Json, folder: Path) -> None:
@@ -53,21 +88,10 @@ def summary(content: Json) -> list[tuple[str, str]]:
         ("time", f"{simulated:.1f} s simulated in {wall:.1f} s ({speed})"),
         ("grid", grid),
     ]
-    flow, gas = content["flow"], content["gas"]
-    if flow and "eddy_diffusivity_m2_per_s" in flow:
-        lines.append(("mixing", _mixing(flow)))
-    elif flow:
-        numbers = (f"{name.replace('_', ' ')} {value:.4g}" for name, value in flow.items())
-        lines.append(("flow", ", ".join(numbers)))
-    if gas:
-        text = ", ".join(
-            f"{1e3 * gas[f'{name}_kg']:.4g} g {name.replace('_', ' ')}"
-            for name in ("initial", "emitted", "in_domain", "outflow")
-            if f"{name}_kg" in gas
-        )
-        if gas["relative_error"] is not None:
-            text += f", {gas['relative_error']:.1e} of it unaccounted for"
-        lines.append(("gas", text))
+    if rows := flow(content):
+        lines.append(("flow", ", ".join(f"{name} {value}" for name, value, _ in rows)))
+    if rows := budget(content):
+        lines.append(("gas", ", ".join(f"{value} {name}" for name, value in rows)))
     for group in content["groups"]:
         lines.append((group["name"], _group_line(group)))
         if has_declared(group["per_trial"]) and not group["no_search"]:
@@ -79,15 +103,43 @@ def summary(content: Json) -> list[tuple[str, str]]:
     if "service" in content:
         lines.append(("from outside", _service_line(content["service"])))
     lines += _caveats(content)
-    kinds = [gas_map["kind"] for gas_map in content["maps"]]
-    for n, gas_map in enumerate(content["maps"]):
-        name = f"{gas_map['kind'].replace('_', ' ')} map"
-        name += f" (maps[{n}])" if kinds.count(gas_map["kind"]) > 1 else ""
-        if "groups" in gas_map:
-            lines += [(f"{name}, {group['name']}", _map_line(group)) for group in gas_map["groups"]]
-        else:
-            lines.append((name, _map_line(gas_map)))
-    return lines
+    return lines + [(name, _map_line(part)) for name, part in map_parts(content["maps"])]
+
+
+def map_names(maps: Sequence[Json]) -> list[str]:
+    """Return a unique name for each gas map in result.json: its kind, with the index if kinds repeat."""
+    kinds = [f"{str(gas_map.get('kind', '?')).replace('_', ' ')} map" for gas_map in maps]
+    return [f"{kind} (maps[{n}])" if kinds.count(kind) > 1 else kind for n, kind in enumerate(kinds)]
+
+
+def map_parts(maps: Sequence[Json]) -> list[tuple[str, Json]]:
+    """Return name and scores of each gas map in result.json; of a map of rivals, of the part of each group."""
+    parts: list[tuple[str, Json]] = []
+    for name, gas_map in zip(map_names(maps), maps, strict=True):
+        parts += [(f"{name}, {part['name']}", part) for part in gas_map.get("groups", ())] or [
+            (name, gas_map)
+        ]
+    return parts
+
+
+def budget(result: Json) -> list[tuple[str, str]]:
+    """Return a table (name, value) of the gas mass budget [g] and its relative error; empty without gas."""
+    gas = result.get("gas") or {}
+    rows = [(name, f"{1e3 * gas[key]:.4g} g") for key, name in BUDGET.items() if gas.get(key) is not None]
+    error = gas.get("relative_error")
+    if rows and error is not None:
+        rows.append(("unaccounted for", f"{error:.1e} of the incoming mass"))
+    return rows
+
+
+def flow(result: Json) -> list[tuple[str, str, str]]:
+    """Return the diagnostics of the flow solver: (name, value, meaning)."""
+    rows = []
+    for key, value in (result.get("flow") or {}).items():
+        name, meaning = FLOW.get(key, (key.replace("_", " "), ""))
+        if isinstance(value, int | float):
+            rows.append((name, f"{value:.3g}", meaning))
+    return rows
 
 
 def ending(content: Mapping[str, Any]) -> str:
@@ -131,16 +183,6 @@ def _service_line(service: Json) -> str:
         f"{service['ticks_missed']:,} of {service['ticks']:,} ticks missed; messages: {messages}; "
         f"robots were lost {lost:,} times"
     )
-
-
-def _mixing(flow: Json) -> str:
-    K, error = (1e3 * flow[f"eddy_diffusivity_{name}m2_per_s"] for name in ("", "error_"))
-    text = f"the air mixes by {K:.2g}e-3 m²/s (standard error {error:.1g}e-3)"
-    changes = flow.get("as_of_air_changes_per_h")
-    if changes is None:
-        return text
-    like = f"a room of its size with {changes:.1f} air changes per hour"
-    return f"{text}, as {like if changes > 0.0 else 'closed rooms, or less'} (Cheng et al. 2011)"
 
 
 def _group_line(group: Json) -> str:

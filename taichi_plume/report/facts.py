@@ -1,11 +1,11 @@
-"""Tables of a report: key facts, trials, gas budget, flow solution, maps' scores, files."""
+"""Tables of a report: key facts, trials, maps' scores, files."""
 
 from collections import Counter
 from collections.abc import Sequence
 from math import isfinite, prod
 from typing import Any
 
-from taichi_plume.execution.summary import robots_found
+from taichi_plume.execution.summary import map_parts, robots_found
 from taichi_plume.results.run import Run
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.declarations import has_declared
@@ -45,41 +45,6 @@ DECLARED = {
     "false_declarations": ("false declarations", "a trial", "trial"),
 }
 """Quantities of robots that have declared."""
-BUDGET = {
-    "initial_kg": "in the room at the start",
-    "emitted_kg": "emitted by the sources",
-    "inflow_kg": "brought in by the air",
-    "in_domain_kg": "still in the room at the end",
-    "outflow_kg": "carried out by the air",
-    "taken_up_kg": "taken up by surfaces",
-}
-FLOW = {
-    "max_divergence": ("largest divergence", "should be nearly zero: conservation of air"),
-    "max_courant": (
-        "largest Courant number",
-        "cells crossed by the air in a step; the scheme is stable up to 1.3 (CFL)",
-    ),
-    "correction": (
-        "largest correction",
-        "change of the given wind that makes it conserve air, over its speed; from 0.5 on it is another wind",
-    ),
-    "max_speed": ("largest speed", "in m/s"),
-    "wall_y_plus_median": (
-        "median y+ at the walls",
-        "of the middles of the cells at the domain's walls, by the law of the wall; resolved below 3",
-    ),
-    "wall_y_plus_max": ("largest y+ at the walls", "at the end of the run"),
-    "eddy_diffusivity_m2_per_s": (
-        "eddy diffusivity",
-        "mixing of the air, in m²/s, from particles in flows of this kind; 0.001 to 0.013 was measured in homes "
-        "(Cheng et al. 2011, doi:10.1021/es103080p)",
-    ),
-    "eddy_diffusivity_error_m2_per_s": ("its standard error", "in m²/s"),
-    "as_of_air_changes_per_h": (
-        "air changes per hour of equally mixed rooms",
-        "in rooms of this volume, by the law of Cheng et al. 2011; below 0: less than closed rooms",
-    ),
-}
 
 
 def key_facts(run: Run) -> Rows:
@@ -160,48 +125,17 @@ def _trials(n: int, what: str) -> str:
     return f"{n:,} {what.replace('trial', 'trials', 1) if n != 1 else what}"
 
 
-def budget(result: dict[str, Any]) -> Rows:
-    """Return a table (name, value) of the gas mass budget [g] and its relative error; empty without gas."""
-    gas = result.get("gas") or {}
-    rows: Rows = [
-        (name, f"{1e3 * gas[key]:.4g} g") for key, name in BUDGET.items() if gas.get(key) is not None
-    ]
-    error = gas.get("relative_error")
-    if rows and error is not None:
-        rows.append(("unaccounted for", f"{error:.1e} of the incoming mass"))
-    return rows
-
-
-def flow(result: dict[str, Any]) -> Rows:
-    """Return the diagnostics of the flow solver: (name, value, meaning)."""
-    rows: Rows = []
-    for key, value in (result.get("flow") or {}).items():
-        name, meaning = FLOW.get(key, (key.replace("_", " "), ""))
-        if isinstance(value, int | float):
-            rows.append((name, f"{value:.3g}", meaning))
-    return rows
-
-
-def map_rows(maps: Sequence[dict[str, Any]], names: Sequence[str]) -> Rows:
+def map_rows(maps: Sequence[dict[str, Any]]) -> Rows:
     """Return final gas map scores: name, fraction of cells known, and the scores that `captions.MAP_HEADS` names."""
     rows: Rows = []
-    for name, result in zip(names, maps, strict=True):
-        for part in result.get("groups", [result]):
-            mean_gas = part.get("mean_gas", {})
-            error, correlation = ((mean_gas.get(key) or [None])[-1] for key in ("error_ppm", "correlation"))
-            whose = f"{name}, {part['name']}" if "groups" in result else name
-            share = part.get("known_fraction")
-            known = "–" if share is None else f"{100 * share:.0f} %"
-            of_mean = _number(error), _number(correlation, "{:.2f}")
-            at_end = _number(part.get("mae_ppm")), _number(part.get("correlation"), "{:.2f}")
-            rows.append((whose, known, *of_mean, *at_end))
+    for name, part in map_parts(maps):
+        mean_gas = part.get("mean_gas", {})
+        error, correlation = ((mean_gas.get(key) or [None])[-1] for key in ("error_ppm", "correlation"))
+        known = "–" if part.get("known_fraction") is None else f"{100 * part['known_fraction']:.0f} %"
+        of_mean = _number(error), _number(correlation, "{:.2f}")
+        at_end = _number(part.get("mae_ppm")), _number(part.get("correlation"), "{:.2f}")
+        rows.append((name, known, *of_mean, *at_end))
     return rows
-
-
-def map_names(maps: Sequence[dict[str, Any]]) -> list[str]:
-    """Return a unique name for each gas map in result.json: its kind, with the index if kinds repeat."""
-    kinds = [str(result.get("kind", "?")).replace("_", " ") for result in maps]
-    return [f"{kind} (maps[{n}])" if kinds.count(kind) > 1 else kind for n, kind in enumerate(kinds)]
 
 
 def _number(value: float | None, form: str = "{:.3g}") -> str:

@@ -113,32 +113,18 @@ def decisions(tracks: Sequence[Track]) -> bytes | None:
     ][:MOST_DECISIONS]  # fmt: skip
     if not names:
         return None
-    whole = len(names) * DECIDED + 0.7
-    with theme.styled():
-        figure = theme.figure(WIDE, whole, DPI)
-        for n, name in enumerate(names):
-            below = (0.5 + (len(names) - 1 - n) * DECIDED) / whole
-            axes = figure.add_axes((0.12, below, 0.86, (DECIDED - 0.28) / whole))
-            theme.plain(axes)
+    ends = min(track.t[0] for track in shown), max(max(track.t[-1] for track in shown), 1e-3)
+    with theme.panels(len(names), tall=len(names) * DECIDED + 0.7, math=False, sharex=True) as plot:
+        for axes, name in zip(plot, names, strict=True):
             for track in shown:
                 t, values = thinned(track.t, track.values[name])
-                color = theme.robot(track.number)
-                axes.plot(t, values, color=color, linewidth=1.2, drawstyle="steps-post")
-            axes.set_xlim(min(track.t[0] for track in shown), max(max(track.t[-1] for track in shown), 1e-3))
+                look = {"color": theme.robot(track.number), "linewidth": 1.2, "drawstyle": "steps-post"}
+                axes.plot(t, values, label=theme.short(track.name), **look)
             label = theme.short(title_of(name, shown[0].decisions[name]), 60)
-            theme.verbatim([axes.set_title(label, fontsize=8, loc="left", pad=2)])
-            if n < len(names) - 1:
-                axes.tick_params(labelbottom=False)
-            else:
-                axes.set_xlabel("time [s]")
-        handles = [
-            Line2D([], [], color=theme.robot(track.number), label=theme.short(track.name)) for track in shown
-        ]
-        legend = figure.legend(
-            handles=handles, loc="upper left", bbox_to_anchor=(0.11, 1), ncols=MOST_SERIES, borderaxespad=0.2
-        )
-        theme.verbatim(legend.get_texts())
-        return theme.png(figure)
+            axes.set_title(label, fontsize=8, pad=2)
+        plot[-1].set(xlim=ends, xlabel="time [s]")
+        plot[0].legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=MOST_SERIES, borderaxespad=0)
+    return plot.png
 
 
 def _ends(run: Run, tracks: Sequence[Track]) -> tuple[float, float]:

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from matplotlib.patches import Rectangle
@@ -14,15 +14,12 @@ from taichi_plume.report import theme
 from taichi_plume.results.run import Run
 from taichi_plume.scoring.declarations import OF_BELIEFS
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.image import AxesImage
-
 NAME = "maps.zarr"
 WIDE, DPI, MOST = 7.2, 100, 4  # inches; maps or beliefs that are shown
-MAPS, TALLEST_MAP, LOWEST = 6.1, 6.0, 1.4  # inches: a map and its truth, side by side; a figure of them
-TITLE = (2.6, 0.3)  # inches
+TALLEST, LOWEST, TITLE = 6.0, 1.4, 0.3  # inches: a map; a figure of maps; a map's title
 Part = TypeVar("Part")
+Picture = tuple[str, np.ndarray, tuple[float, float, float, float]]
+"""Title, values (ny, nx) and rectangle (left, right, low, high) [m] of a drawn map."""
 
 
 class MapAtEnd(NamedTuple):
@@ -88,77 +85,48 @@ def _belief(group: Any) -> BeliefAtEnd:
 
 def beside_truth(run: Run, maps: Sequence[MapAtEnd]) -> bytes:
     """Return a PNG with each gas map's estimate on the left and the true gas on the right, on one colour scale."""
-    width, length = run.scenario.domain.extent[:2]
-    scale = run.scenario.recording.range_ppm
-    inches = min(MAPS / (2.05 * width), TALLEST_MAP / length)  # per metre
-    aside, up = max(1.05 * width, TITLE[0] / inches), length + TITLE[1] / inches
-    across, tall = aside + width, len(maps) * up
-    with theme.styled():
-        high_up = max(tall * inches + 0.1, LOWEST)
-        share = tall * inches / high_up
-        figure = theme.figure(WIDE, high_up, DPI)
-        axes = figure.add_axes((0.01, 1 - 0.1 / high_up - share, across * inches / WIDE, share))
-        axes.set_axis_off()
-        image: Any = None
-        for n, gas_map in enumerate(maps):
-            bottom = tall - (n + 1) * up
-            titles = (f"{gas_map.name}: estimate", "truth: mean of the gas")
-            for k, (values, title) in enumerate(zip((gas_map.estimate, gas_map.truth), titles, strict=True)):
-                left, (rows, columns) = k * aside, values.shape
-                reach = (left, left + gas_map.cell * columns, bottom, bottom + gas_map.cell * rows)
-                image = _draw(axes, run, values, reach, (left, bottom), scale)
-                place = (left, bottom + length + 0.02 * width)
-                axes.text(*place, title, fontweight="bold", fontsize=9, parse_math=False)
-        axes.set_xlim(-0.01 * width, across + 0.01 * width)
-        axes.set_ylim(-0.01 * width, tall)
-        bar = figure.add_axes((across * inches / WIDE + 0.025, 0.06, 0.015, 0.83))
-        theme.scale(None, image, *scale, True, "ppm", cax=bar)
-        return theme.png(figure)
+    pictures: list[Picture] = []
+    for gas_map in maps:
+        for name, values in (("estimate", gas_map.estimate), ("truth: mean of the gas", gas_map.truth)):
+            rows, columns = values.shape
+            reach = (0.0, gas_map.cell * columns, 0.0, gas_map.cell * rows)
+            title = f"{gas_map.name}: {name}" if name == "estimate" else name
+            pictures.append((title, values, reach))
+    return _drawn(run, pictures, run.scenario.recording.range_ppm, "ppm")
 
 
 def beside_sources(run: Run, beliefs: Sequence[BeliefAtEnd]) -> bytes:
     """Return a PNG with each belief map of the source position, and the true sources, two maps in a row."""
+    pictures = [(belief.group, belief.density, belief.reach) for belief in beliefs]
+    return _drawn(run, pictures, (DENSITIES.low, DENSITIES.high), "1/m²")
+
+
+def _drawn(run: Run, pictures: Sequence[Picture], scale: tuple[float, float], unit: str) -> bytes:
+    """Return a PNG of maps of the floor with the sources, two in a row, in logarithmic colours."""
     width, length = run.scenario.domain.extent[:2]
-    columns = min(2, len(beliefs))
-    rows = -(-len(beliefs) // columns)
-    share = 0.86 / columns
-    inches = min(share * 0.93 * WIDE / width, 4.0 / length)
-    up = length * inches + 0.3
-    tall = rows * up + 0.1
-    with theme.styled():
-        figure = theme.figure(WIDE, tall, DPI)
+    columns = min(2, len(pictures))
+    rows = -(-len(pictures) // columns)
+    inches = min(0.86 * WIDE / columns / width, TALLEST / length)  # per metre
+    with theme.styled({"text.parse_math": False}):
+        figure = theme.figure(WIDE, max(rows * (length * inches + TITLE), LOWEST), DPI)
+        figure.set_layout_engine("constrained")
+        axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
         image: Any = None
-        for n, belief in enumerate(beliefs):
-            left, top = (n % columns) * share + 0.01, 1 - ((n // columns + 1) * up) / tall
-            axes = figure.add_axes((left, top, width * inches / WIDE, length * inches / tall))
-            axes.set_axis_off()
-            image = _draw(axes, run, belief.density, belief.reach, (0, 0), (DENSITIES.low, DENSITIES.high))
-            axes.set_xlim(0, width)
-            axes.set_ylim(0, length)
-            axes.set_title(belief.group, fontweight="bold", fontsize=9, loc="left", parse_math=False)
-        bar = figure.add_axes((0.9, 0.08, 0.015, 0.8))
-        theme.scale(None, image, DENSITIES.low, DENSITIES.high, True, "1/m²", cax=bar)
+        for panel in axes:
+            panel.set_axis_off()
+        for panel, (title, values, reach) in zip(axes, pictures, strict=False):
+            panel.add_patch(Rectangle((0, 0), width, length, facecolor="#d5dbe1", zorder=0))
+            places = logarithmic(values, *scale)
+            image = panel.imshow(places, cmap=theme.GAS, vmin=0, vmax=1, origin="lower", extent=reach)
+            edge = {"fill": False, "edgecolor": theme.INK, "linewidth": 1, "clip_on": False}
+            panel.add_patch(Rectangle((0, 0), width, length, **edge))
+            for _, source in run.scenario.sources:
+                star = {"color": theme.SOURCE, "markeredgecolor": "white", "markersize": 11}
+                panel.plot(*source.position[:2], "*", **star)
+            panel.set(xlim=(0, width), ylim=(0, length))
+            panel.set_title(title, fontsize=9)
+        theme.scale(axes, image, *scale, True, unit)
         return theme.png(figure)
-
-
-def _draw(
-    axes: "Axes",
-    run: Run,
-    values: np.ndarray,
-    reach: tuple[float, float, float, float],
-    corner: tuple[float, float],
-    scale: tuple[float, float],
-) -> "AxesImage":
-    """Draw a map (ny, nx) and the sources on the floor, in logarithmic colours; corner: the floor's, on the axes."""
-    width, length = run.scenario.domain.extent[:2]
-    axes.add_patch(Rectangle(corner, width, length, facecolor="#d5dbe1", zorder=0))
-    places = logarithmic(values, *scale)
-    image = axes.imshow(places, cmap=theme.GAS, vmin=0, vmax=1, origin="lower", extent=reach)
-    axes.add_patch(Rectangle(corner, width, length, fill=False, edgecolor=theme.INK, linewidth=1))
-    for _, source in run.scenario.sources:
-        x, y = corner[0] + source.position[0], corner[1] + source.position[1]
-        axes.plot(x, y, "*", color=theme.SOURCE, markeredgecolor="white", markersize=11)
-    return image
 
 
 def belief_rows(groups: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:

@@ -214,9 +214,8 @@ class Parts:
             section.lines.append(captions.NO_MAPS)
         results = self.result.get("maps", [])
         if results:
-            names = facts.map_names(results)
-            section.table(facts.map_rows(results, names), captions.MAP_HEADS, captions.MAP_SCORES)
-            over_time = figures.scores(results[:most], names[:most])
+            section.table(facts.map_rows(results), captions.MAP_HEADS, captions.MAP_SCORES)
+            over_time = figures.scores(results[:most], summary.map_names(results)[:most])
             if over_time:
                 section.image(over_time, "Scores over time", captions.OVER_TIME)
         return section
@@ -237,8 +236,8 @@ class Parts:
     def balance(self) -> Section:
         """Return the report's section with the mass balance of the gas, and the quality of the flow solution."""
         section = Section("Gas budget and numerics", "balance")
-        section.table(facts.budget(self.result), ("gas", "mass"), captions.BUDGET)
-        section.table(facts.flow(self.result), ("air", "value", "meaning"))
+        section.table(summary.budget(self.result), ("gas", "mass"), captions.BUDGET)
+        section.table(summary.flow(self.result), ("air", "value", "meaning"))
         if self.result and section.empty:
             section.lines.append("This kind of wind and gas keeps no budget.")
         return section

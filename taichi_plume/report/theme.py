@@ -197,7 +197,7 @@ def verbatim(texts: Iterable[Text]) -> None:
 
 
 def scale(
-    axes: Axes | None,
+    axes: Axes | Sequence[Axes] | None,
     image: ScalarMappable,
     low: float,
     high: float,

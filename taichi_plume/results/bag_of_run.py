@@ -63,47 +63,44 @@ POSE, CLOCK = "geometry_msgs/msg/PoseStamped", "rosgraph_msgs/msg/Clock"
 LATEST = 2**31 - 1  # s, the largest time of ROS
 
 
-@dataclass(frozen=True)
-class Choice:
-    """Options of the export to a ROS bag. trial: number of the exported trial.
-
-    begin: time of ROS at t = 0 [s]; points: largest size of a cloud, for which cells are averaged; least: ppm below
-    which a point is left out; allow_outside: read obstacles' files outside the run's folder.
-    """
-
-    trial: int = 0
-    begin: float = 0.0
-    points: int = point_clouds.MOST_POINTS
-    least: float = point_clouds.LEAST
-    allow_outside: bool = False
-
-
-def write(run: Run, out: Path, choice: Choice, force: bool = False) -> list[Path]:
+def write(
+    run: Run,
+    out: Path,
+    force: bool = False,
+    *,
+    trial: int = 0,
+    begin: float = 0.0,
+    points: int = point_clouds.MOST_POINTS,
+    least: float = point_clouds.LEAST,
+    allow_outside: bool = False,
+) -> list[Path]:
     """Write one trial of a run as a ROS 2 bag into folder `out`; return the files. force: replace an existing bag.
 
-    Raises RunFolderError if the run has nothing for a bag or the bag may not be written, and OSError.
+    begin: time of ROS at t = 0 [s]; points: largest size of a cloud, for which cells are averaged; least: ppm below
+    which a point is left out; allow_outside: read obstacles' files outside the run's folder. Raises RunFolderError if
+    the run has nothing for a bag or the bag may not be written, and OSError.
     """
-    robots = _robots(run, choice.trial)
+    robots = _robots(run, trial)
     data, names = scalars(run)
     if not robots and not names:
         raise RunFolderError(f"{run.folder}: has neither robots nor fields nor pictures: nothing for a bag")
-    end = choice.begin + float(run.scenario.duration)
+    end = begin + float(run.scenario.duration)
     if not end < LATEST:
         raise RunFolderError(f"{run.folder}: ends at {end:g} s; ROS takes under {LATEST} s: lower --begin")
     facts = {robot.name: f"robot {robot.number} of {robot.group.name}" for robot in robots}
-    facts |= {"name": run.scenario.name, "trial": str(choice.trial), "made_by": f"taichi_plume {__version__}"}
+    facts |= {"name": run.scenario.name, "trial": str(trial), "made_by": f"taichi_plume {__version__}"}
     try:
         with new_bag(out, facts, force) as bag:
-            _topics(bag, run, robots, [cloud_topic(data, name) for name in names], choice)
-            plan, frame = floor(run, choice.allow_outside)
+            _topics(bag, run, robots, [cloud_topic(data, name) for name in names], trial)
+            plan, frame = floor(run, allow_outside)
             streams: list[Iterator[Stamped]] = [_still(run, robots, plan, frame)]
             times = [float(t) for t in robots[0].table["t"]] if robots else data.time.values.tolist()
             streams += [((t, "/clock", None) for t in times if t >= 0), _moving(robots, frame)]
             streams += [_readings(robot, frame) for robot in robots]
-            streams += [clouds(data, run.folder, name, choice.points, choice.least, frame) for name in names]
-            streams.append(maps_at_end(run, choice.trial, frame))
+            streams += [clouds(data, run.folder, name, points, least, frame) for name in names]
+            streams.append(maps_at_end(run, trial, frame))
             for t, topic, message in merge(*streams, key=lambda stamped: stamped[0]):
-                now = choice.begin + t
+                now = begin + t
                 bag.write(topic, now, _stamped(message, now))
     except NoBagError as error:
         raise RunFolderError(str(error)) from None
@@ -123,7 +120,7 @@ def _stamped(message: ros.Message, now: float) -> ros.Message:
     return message
 
 
-def _topics(bag: BagWriter, run: Run, robots: "list[Robot]", plumes: list[str], choice: Choice) -> None:
+def _topics(bag: BagWriter, run: Run, robots: "list[Robot]", plumes: list[str], trial: int) -> None:
     bag.topic("/clock", CLOCK)
     bag.topic("/map", ros.GRID, latched=True)
     if robots:
@@ -135,7 +132,7 @@ def _topics(bag: BagWriter, run: Run, robots: "list[Robot]", plumes: list[str], 
             bag.topic(f"/{robot.name}/{name}", kind)
     for name in plumes:
         bag.topic(name, ros.POINTS)
-    for name, _, _ in maps_of(run, choice.trial):
+    for name, _, _ in maps_of(run, trial):
         bag.topic(name, ros.GRID, latched=True)
         bag.topic(f"{name}/cells", ros.POINTS, latched=True)
 

@@ -12,7 +12,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from taichi_plume.files import disk, own_folder
 from taichi_plume.files.run_folder import RunFolderError
@@ -21,8 +21,6 @@ from taichi_plume.results.run import FILES, Run
 if TYPE_CHECKING:
     import numpy as np
     import xarray
-
-    from taichi_plume.results.network_log import Choice
 
 TABLES = ("robots", "probes")
 
@@ -56,12 +54,15 @@ def export(run: Run, to: str, out: Path, source: str | None = None, force: bool 
     return [out]
 
 
-def export_log(run: Run, choice: "Choice", out: Path, force: bool = False) -> list[Path]:
-    """Write the readings of a run's nodes to `out` as a log of PlumeSim; return the file. Raises as `export`."""
+def export_log(run: Run, out: Path, force: bool = False, **options: Any) -> list[Path]:
+    """Write the readings of a run's nodes to `out` as a log of PlumeSim; return the file. Raises as `export`.
+
+    options: of `log_of`.
+    """
     from taichi_plume.results.network_log import log_of
 
     with _fresh([out], force) as (part,), part.open("w", encoding="ascii", newline="\n") as file:
-        for text in log_of(run, choice):
+        for text in log_of(run, **options):
             disk.require_room(part, len(text))
             file.write(text)
     return [out]

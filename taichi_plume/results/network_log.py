@@ -5,7 +5,6 @@ table is at time 0 of the log; of robots that is the first one in which sensors 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -21,25 +20,24 @@ NEEDED = ("t", "x", "y", "wind_x", "wind_y")  # columns of the table
 STEADY = 1e-3  # of a period: differences between the times of rows that count as rounding
 
 
-@dataclass(frozen=True)
-class Choice:
-    """Options of the log. source: table of the nodes, by default the probes if any; trial: of robots, by default 0;
-    full_scale: concentration [ppm] that is 100 percent; cell: distance [m] up to which a node counts, by default the
-    largest distance of a node to its nearest neighbour.
+def log_of(
+    run: Run,
+    *,
+    source: Literal["probes", "robots"] | None = None,
+    trial: int | None = None,
+    full_scale: float = 100.0,
+    cell: float | None = None,
+) -> Iterator[str]:
+    """Yield the text of the log of a run's nodes: its first line, then its frames. Raises RunFolderError.
+
+    source: table of the nodes, by default the probes if any; trial: of robots, by default 0; full_scale: concentration
+    [ppm] that is 100 percent; cell: distance [m] up to which a node counts, by default the largest to a nearest
+    neighbour.
     """
-
-    source: Literal["probes", "robots"] | None = None
-    trial: int | None = None
-    full_scale: float = 100.0
-    cell: float | None = None
-
-
-def log_of(run: Run, choice: Choice) -> Iterator[str]:
-    """Yield the text of the log of a run's nodes: its first line, then its frames. Raises RunFolderError."""
-    of_probes = choice.source == "probes" or (choice.source is None and any(map(run.has, FILES["probes"])))
-    if of_probes and choice.trial is not None:
+    of_probes = source == "probes" or (source is None and any(map(run.has, FILES["probes"])))
+    if of_probes and trial is not None:
         raise RunFolderError(f"{run.folder}: probes are of no trial; leave out --trial, or add --from robots")
-    rows = run.probes if of_probes else _standing(run, choice.trial or 0)
+    rows = run.probes if of_probes else _standing(run, trial or 0)
     gases = [name for name in rows if str(name).endswith("_ppm")] if of_probes else ["reading_ppm"]
     lacking = [name for name in (*NEEDED, *gases) if name not in rows]
     if lacking or not gases:
@@ -53,8 +51,8 @@ def log_of(run: Run, choice: Choice) -> Iterator[str]:
     period = _period(run, t)
     place = rows[["x", "y"]].to_numpy(float)
     wind = rows[["wind_x", "wind_y"]].to_numpy(float)
-    percent = 100.0 / choice.full_scale * rows[gases].to_numpy(float).sum(axis=1)
-    yield header(period, len(t), choice.cell or _spacing(run, place))
+    percent = 100.0 / full_scale * rows[gases].to_numpy(float).sum(axis=1)
+    yield header(period, len(t), cell or _spacing(run, place))
     for n, (a, b) in enumerate(zip(begin, [*begin[1:], len(rows)], strict=True), 1):
         yield frame(n, place[a:b], wind[a:b], percent[a:b])
 

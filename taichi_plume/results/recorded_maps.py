@@ -80,21 +80,14 @@ class GasMap:
         """
         import xarray
 
-        values: dict[str, np.ndarray | None] = {
-            "estimate": self.estimate,
-            "weight": self.weight,
-            "variance": self.variance,
-        }
-        axes = {
-            name: (np.arange(n) + 0.5) * self.cell for name, n in zip("xy", self.estimate.shape, strict=True)
-        }
+        def variable(name: str, dims: Sequence[str], values: np.ndarray) -> tuple[Any, ...]:
+            return dims, values, dict(zip(("units", "long_name"), MEANING[name], strict=False))
 
-        def about(name: str) -> dict[str, str]:
-            return dict(zip(("units", "long_name"), MEANING[name], strict=False))
-
+        names = ("estimate", "weight", "variance")[: 3 if self.variance is not None else 2]
+        axes = zip("xy", self.estimate.shape, strict=True)
         return xarray.Dataset(
-            {name: (("y", "x"), of.T, about(name)) for name, of in values.items() if of is not None},
-            {name: (name, of, about(name)) for name, of in axes.items()},
+            {name: variable(name, ("y", "x"), vars(self)[name].T) for name in names},
+            {name: variable(name, (name,), (np.arange(n) + 0.5) * self.cell) for name, n in axes},
             self.model.model_dump(mode="json", exclude_none=True) | {BACKGROUND: self.background},
         )
 
@@ -137,18 +130,10 @@ class GasMap:
 
         held.start()
         folder = held.path
-        i, j = np.indices(self.estimate.shape)
-        columns = {
-            "x": (i + 0.5) * self.cell,
-            "y": (j + 0.5) * self.cell,
-            "ppm": self.estimate,
-            "weight": self.weight,
-        }
-        if self.variance is not None:
-            columns["variance_ppm2"] = self.variance
-        table = np.column_stack([values.ravel() for values in columns.values()])
+        table = self.data.to_dataframe(["x", "y"])
+        table = table.rename(columns={"estimate": "ppm", "variance": "variance_ppm2"}).reset_index()
         with disk.written_whole(folder / FILES[0]) as fresh:
-            np.savetxt(fresh, table, "%.7g", ",", header=",".join(columns), comments="")
+            table.to_csv(fresh, index=False, float_format="%.7g", na_rep="nan", lineterminator="\n")
         with disk.written_whole(folder / FILES[1]) as fresh:
             fresh.write_bytes(png(self.plot()))
         text = json.dumps(json_value(self.scores), indent=2, allow_nan=False) + "\n"

@@ -95,16 +95,16 @@ def test_entries_are_those_of_the_kinds_that_are_used(scenario, keys):
     }
 
 
-def test_all_papers_are_used_and_give_valid_entries():
-    tables = (references.SEARCHES, references.MAPS, references.GASES, references.WINDS)
-    keys = {use.key for table in tables for uses in table.values() for use in uses}
-    assert keys == references.PAPERS.keys()
-    assert list(references.PAPERS) == sorted(keys)
-    entries = valid("\n\n".join(paper.bibtex() for paper in references.PAPERS.values()))
-    for key, paper in references.PAPERS.items():
-        assert entries[key][1]["year"] in key
-        assert dois(paper.text()) == ([paper.doi] if paper.doi else [])
-        assert paper.authors.split(",")[0].split(" and ")[0] in paper.text()
+def test_all_papers_are_valid_entries():
+    text = (ROOT / "taichi_plume/report/references.bib").read_text(encoding="utf-8")
+    entries = valid(text)
+    assert len(entries) == text.count("\n@") > 30
+    assert "used" not in valid("\n\n".join(paper.entry for paper in references.library()))["li2014"][1]
+    for paper in references.library():
+        _, fields = entries[paper.key]
+        assert fields["year"] in paper.key
+        assert dois(paper.text) == ([fields["doi"]] if "doi" in fields else [])
+        assert fields["author"].split(",")[0].split(" and ")[0] in paper.text
 
 
 def test_the_entry_of_the_program_is_that_of_the_citation_file():

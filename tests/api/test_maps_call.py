@@ -101,7 +101,7 @@ def test_folders_and_tables_of_runs_are_read_alike(run, tmp_path):
     expected = tp.maps(run, "inverse_distance", out=tmp_path / "run")
     tp.maps(str(run.folder), "{kind: inverse_distance}", out=tmp_path / "folder")
     assert contents(tmp_path / "folder") == contents(tmp_path / "run")
-    assert command.main([str(run.folder), "--kind=inverse_distance", "--out", str(tmp_path / "command")]) == 0
+    assert command.main([str(run.folder), "--map=inverse_distance", "--out", str(tmp_path / "command")]) == 0
     assert contents(tmp_path / "command") == contents(tmp_path / "run")
     table = tp.maps(run.robots, "inverse_distance", size=(2, 1.5))
     np.testing.assert_array_equal(table.estimate, expected.estimate)

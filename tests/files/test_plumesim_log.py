@@ -22,7 +22,7 @@ from taichi_plume.files import disk
 from taichi_plume.files.plumesim_log import read_log
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.grid.fields import ppm_at, velocity_at
-from taichi_plume.results.network_log import Choice, log_of
+from taichi_plume.results.network_log import log_of
 from taichi_plume.scenario.outputs import PlumeLog
 from taichi_plume.time_loop import Every, TimeLoop
 
@@ -262,4 +262,4 @@ def test_tables_that_make_no_log_are_refused(tmp_path, t, z, reported):
     )
     table: Any = SimpleNamespace(probes=rows, folder=tmp_path)
     with pytest.raises(RunFolderError, match=reported):
-        list(log_of(table, Choice("probes")))
+        list(log_of(table, source="probes"))

@@ -119,7 +119,7 @@ def test_a_bag_of_a_run_without_fields_has_the_recorded_slice(declared, tmp_path
     from taichi_plume.files import ros_messages as ros
 
     folder = tp.simulate(SCENARIO | {"robots": []}, out=tmp_path / "run", progress=False).folder
-    bag_of_run.write(open_run(folder), tmp_path / "bag", bag_of_run.Choice(least=0.01))
+    bag_of_run.write(open_run(folder), tmp_path / "bag", least=0.01)
     found = {}
     with AnyReader([Path(tmp_path / "bag")]) as reader:
         for one, t, data in reader.messages():

@@ -229,8 +229,8 @@ def test_a_class_takes_part_in_a_contest(tmp_path):
     assert {one.values["algorithm"] for one in plan.requests} == {one.name for one in some}
     assert len(set(runs(plan))) == 2 * len(some)
     assert {one.name for one in plan.classes.values()} == {"Stay", "Sure"}
-    text = Choice(Path("a"), [*given, tp.Own(Stay, a=[1])], quick=True).repetition()
-    called = "tp.contest(['casting', tp.Own(Stay), tp.Own(Sure), tp.Own(Stay, a=[1])], out='a', quick=True)"
+    text = Choice([*given, tp.Own(Stay, a=[1])], quick=True, out=Path("a")).call()
+    called = "tp.contest(['casting', tp.Own(Stay), tp.Own(Sure), tp.Own(Stay, a=[1])], quick=True, out='a')"
     assert text == called
 
 
