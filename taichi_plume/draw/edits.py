@@ -1,6 +1,6 @@
 """Edits by a pointer: move, turn, resize, copy, delete and create objects; each returns the new text.
 
-All raise EditError if the text cannot be edited so.
+All raise EditError if the text cannot be edited so, and LineError if it is no YAML.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,6 @@ from taichi_plume.draw.document import (
 from taichi_plume.draw.objects import Scene, scene
 from taichi_plume.draw.parts import Plane, Point, Values, nearest_wall, pair
 from taichi_plume.draw.quantities import differences, number, plain
-from taichi_plume.guard.yaml_text import LineError
 
 BESIDE = 0.2  # m from an object to its copy, along x and y
 LEAST = 0.05  # m: a shorter drag is a click
@@ -59,18 +58,10 @@ def with_values(text: str, path: str, values: Values) -> str:
     """Return the text with new values [SI] of keys of a section, each spelled as the old one where it changed."""
     for key, new in values.items():
         whole = f"{path}.{key}"
-        old = value_at(scene_data(text), whole)
+        old = value_at(data_of(text), whole)
         for where, value in differences(whole, old, new):
             text = set_value(text, where, value)
     return text
-
-
-def scene_data(text: str) -> Any:
-    """Return the keys and values of a text. Raises EditError."""
-    try:
-        return data_of(text)
-    except LineError as fault:
-        raise EditError(str(fault)) from None
 
 
 def move_handle(text: str, of: Scene, path: str, handle: str, plane: Plane, to: Point) -> str:
@@ -93,10 +84,10 @@ def shift(text: str, of: Scene, path: str, by: Sequence[float]) -> str:
 def turn(text: str, path: str, by: float) -> str:
     """Return the text once a box, a mesh, or the heading of robots has been turned by an angle [degrees]."""
     key = f"{path}.start.heading_deg" if path.startswith("robots[") else f"{path}.yaw_deg"
-    kind = value_at(scene_data(text), f"{path}.kind")
+    kind = value_at(data_of(text), f"{path}.kind")
     if not path.startswith("robots[") and kind not in ("box", "mesh"):
         raise EditError(f"{path or 'the scenario'}: only boxes, meshes and robots can be turned")
-    angle = value_at(scene_data(text), key) or 0
+    angle = value_at(data_of(text), key) or 0
     if not isinstance(angle, int | float):
         raise EditError(f"{key}: got {angle}; must be a number")
     return set_value(text, key, number((angle + by + 180) % 360 - 180))
@@ -108,8 +99,8 @@ def copy(text: str, path: str, folder: Path) -> tuple[str, str]:
     if not last.isdecimal():
         raise EditError(f"{path or 'the scenario'}: cannot be copied")
     new = duplicate(text, path)
-    copied = f"{above}[{len(value_at(scene_data(new), above)) - 1}]"
-    name = value_at(scene_data(new), f"{copied}.name")
+    copied = f"{above}[{len(value_at(data_of(new), above)) - 1}]"
+    name = value_at(data_of(new), f"{copied}.name")
     if isinstance(name, str) or above == "robots":
         stem = name if isinstance(name, str) and name else "robots"
         new = set_value(new, f"{copied}.name", _free_name(new, above, stem))
@@ -128,7 +119,7 @@ def remove(text: str, path: str) -> str:
 
 
 def _free_name(text: str, path: str, name: str) -> str:
-    items = value_at(scene_data(text), path) or []
+    items = value_at(data_of(text), path) or []
     taken = [item.get("name") for item in items if isinstance(item, dict)]
     stem = name.rstrip("0123456789") or "robots"
     return next(f"{stem}{n}" for n in range(2, len(items) + 3) if f"{stem}{n}" not in taken)
@@ -181,16 +172,16 @@ def create(
         raise EditError(f"{kind}: there is no such file beside the scenario")
     points = [pair(point) for point in points]
     a, b = points[0], points[-1]
-    if kind == "robots" and value_at(scene_data(text), f"{selected}.start.kind") == "positions":
+    if kind == "robots" and value_at(data_of(text), f"{selected}.start.kind") == "positions":
         text = add(text, f"{selected}.start.positions", plain(list(a)))
         return set_value(
-            text, f"{selected}.count", len(value_at(scene_data(text), f"{selected}.start.positions"))
+            text, f"{selected}.count", len(value_at(data_of(text), f"{selected}.start.positions"))
         ), selected
     if kind == "arena":
         return set_value(text, "arena", plain(_box_of(a, b))), "arena"
     path, item = _item(text, of, kind, points, a, b, of.room, file)
     new = add(text, path, plain(item))
-    return new, f"{path}[{len(value_at(scene_data(new), path)) - 1}]"
+    return new, f"{path}[{len(value_at(data_of(new), path)) - 1}]"
 
 
 def _box_of(a: Point, b: Point) -> dict[str, list[float]]:
@@ -214,7 +205,7 @@ def _item(
     flat = len(room) == 2
     low = [] if flat else [min(0.25, room[2] / 2)]  # a height above the floor
     if kind in ("inlet", "outlet", "honeycomb", "fan"):
-        if value_at(scene_data(text), "wind.kind") != "cfd":
+        if value_at(data_of(text), "wind.kind") != "cfd":
             raise EditError("wind.kind: openings take a computed wind, kind: cfd")
         return "wind.openings", _opening(kind, a, b, room)
     if kind == "box":
@@ -239,7 +230,7 @@ def _item(
     if kind == "walker":
         return "obstacles", _walker(points)
     if kind == "heater":
-        if flat and value_at(scene_data(text), "wind.buoyancy.gravity") is None:
+        if flat and value_at(data_of(text), "wind.buoyancy.gravity") is None:
             raise EditError("domain.size: a heater takes a third number, the height: its warm air rises")
         return "wind.buoyancy.heat.heaters", {"position": [*a, *low], "power": "50 W"}
     if kind == "source":
@@ -248,14 +239,14 @@ def _item(
         probe = {"kind": "point", "at": [*a, *low]}
         if kind == "probe line":
             probe = {"kind": "line", "start": [*a, *low], "end": [*b, *low], "count": 10}
-        taken = len(value_at(scene_data(text), "probes.points") or [])
+        taken = len(value_at(data_of(text), "probes.points") or [])
         return "probes.points", {"name": f"p{taken + 1}", **probe}
     starts: dict[str, dict[str, Any]] = {
         "robots": {"kind": "positions", "positions": [[*a]]},
         "robot line": {"kind": "line", "begin": [*a], "end": [*b] if far >= LEAST else [a[0], a[1] + 1.0]},
         "robot area": {"kind": "area", **_box_of(a, b)},
     }
-    items = value_at(scene_data(text), "robots") or []
+    items = value_at(data_of(text), "robots") or []
     name = _free_name(text, "robots", "team") if items else "team"
     return "robots", {"name": name, "count": 1 if kind == "robots" else 2, "start": starts[kind], **_ROBOT}
 
@@ -294,7 +285,7 @@ def _walker(points: Sequence[Point]) -> dict[str, Any]:
 
 
 def _list_of_sources(text: str) -> str:
-    gas = value_at(scene_data(text), "gas")
+    gas = value_at(data_of(text), "gas")
     if isinstance(gas, dict) and isinstance(gas.get("parts"), list) and gas["parts"]:
         return "gas.parts[0].sources"
     if isinstance(gas, dict) and gas.get("kind") == "gaussian_puff":

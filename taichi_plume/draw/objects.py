@@ -77,11 +77,10 @@ class Thing:
         """Return the handles in a plane by their names."""
         return self.part.handles(plane) if self.part else {}
 
-    @property
-    def place(self) -> Point | None:
-        """Position for a label or a number, from above."""
-        handles = self.handles(ABOVE)
-        return handles.get("center") or next(iter(handles.values()), None) or self.mark
+    def place(self, plane: Plane = ABOVE) -> Point | None:
+        """Return the position of a number in a plane."""
+        handles = self.handles(plane)
+        return handles.get("center") or next(iter(handles.values()), self.mark if plane == ABOVE else None)
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
 """State of a session that all open pages share: the text, its history, the file, and the runs. No Bokeh."""
 
 import os
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from pathlib import Path
-from typing import Any
+from typing import Protocol
 
 from taichi_plume.draw.checks import Findings, check
 from taichi_plume.draw.drafts import Draft, Drafts
@@ -31,6 +31,14 @@ class FileChangedError(InputError):
         self.found = found
 
 
+class Follower(Protocol):
+    """Protocol of an open page."""
+
+    def follow(self, runs_alone: bool = False) -> None:
+        """Show a change of text or findings; runs_alone: only the runs have changed."""
+        ...
+
+
 class Workplace:
     """A text that is drawn, checked, saved and run.
 
@@ -50,9 +58,7 @@ class Workplace:
         for draft in [draft for draft in self.drafts.waiting if draft.text == self.text]:
             self.drafts.refuse(draft)  # saved just before a server was killed
         self.runs = Runs(self.root, allow_outside)
-        self.listeners: list[Callable[[], None]] = []  # of changes of text and findings
-        self.watchers: list[Callable[[], None]] = []  # of changes of the runs
-        self.queue: list[Any] = []  # pages that have something to show, in order
+        self.pages: list[Follower] = []
         self._scene: tuple[object, Scene] | None = None
         self.findings: Findings | None = None
         self.checked: str | None = None
@@ -241,9 +247,8 @@ class Workplace:
     def watch(self) -> None:
         """Read the states of the runs; pages show what has changed."""
         if self.runs.poll():
-            for watcher in list(self.watchers):
-                watcher()
+            self._notify(runs_alone=True)
 
-    def _notify(self) -> None:
-        for listener in list(self.listeners):
-            listener()
+    def _notify(self, runs_alone: bool = False) -> None:
+        for page in list(self.pages):
+            page.follow(runs_alone)

@@ -75,7 +75,7 @@ robots:
 """
     of = scene(text, Path())
     assert of.thing("obstacles[0]").part is None
-    assert of.thing("obstacles[0]").place == (1, 2)
+    assert of.thing("obstacles[0]").place() == (1, 2)
     assert of.thing("obstacles[1]").part is not None
     assert of.thing("robots[0]").part is not None, "a misspelt algorithm does not hide the robots"
     assert scene("a: [", Path()).things == ()

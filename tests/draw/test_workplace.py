@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from test_document import CONFIGS, ROOT
@@ -281,7 +282,7 @@ def full(path: Path, _: bytes) -> None:
 
 def test_a_draft_that_cannot_be_written_is_reported_and_written_later(place, tmp_path, monkeypatch):
     faults = []
-    place.listeners.append(lambda: faults.append(place.drafts.fault))
+    place.pages.append(SimpleNamespace(follow=lambda _: faults.append(place.drafts.fault)))
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", full)
         place.put(edited(place))
