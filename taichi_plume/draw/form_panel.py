@@ -34,7 +34,7 @@ class FormPanel:
         self.widgets: dict[str, Any] = {}
         self._setting = False
         self.sections = Select(width=WIDTH - 70, name="sections", stylesheets=[COMPACT])
-        self.sections.on_change("value", lambda _attr, _old, new: self._setting or page.choose(new))
+        self.sections.on_change("value", lambda _attr, _old, new: None if self._setting else page.choose(new))
         self.back = Button(label="‹ back", width=60, stylesheets=[COMPACT])
         self.back.on_click(self._go_back)
         self.purpose = Div(width=WIDTH)
