@@ -60,7 +60,7 @@ LAYERS: dict[str, tuple[str, str, dict[str, Any]]] = {
     ),
     "marks": ("scatter", "x y text color", {"size": 18, "fill_color": "color", "line_color": "#ffffff"}),
 }  # fmt: skip
-"""Layers of a view, the lowest first: method of the figure, columns of the source, and style, which may name columns."""
+"""Layers of a view, the lowest first: method of the figure, columns of the source, and style by values or columns."""
 
 
 class Canvas:

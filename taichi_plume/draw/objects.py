@@ -18,9 +18,9 @@ from taichi_plume.draw.parts import (
     Part,
     Plane,
     Point,
+    Points,
     Rectangle,
     Room,
-    Spot,
     Values,
     Wrapped,
     probe_part,
@@ -370,7 +370,7 @@ def _part(
         if vars(model).get("kind") == "periodic":
             return Wrapped(model, room)
         return Pane(model, room) if model.normal < len(room) else None
-    return Spot(model, room)
+    return Points(model, room, ("position",))
 
 
 def shape_of(model: Any, room: tuple[float, ...], folder: Path) -> Shape:
