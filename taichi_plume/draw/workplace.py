@@ -146,12 +146,6 @@ class Workplace:
         """Give the text another file in the folder, and write it. Raises InputError; the text keeps its file then."""
         self._write(self._permitted(self.folder / name), replace=False)
 
-    @property
-    def changed_on_disk(self) -> bool:
-        """Whether another program has changed the file since it was read or saved."""
-        present = self._read()
-        return present != self.on_disk and present != self.text
-
     def reload(self) -> None:
         """Take the text of the file; the present one can be returned to by undo."""
         self.on_disk = self._read()
