@@ -26,7 +26,7 @@ from taichi_plume.draw import edits
 from taichi_plume.draw.canvas import UNLIKELY, WRONG, Canvas
 from taichi_plume.draw.checks import Findings
 from taichi_plume.draw.drafts import Draft
-from taichi_plume.draw.form_panel import FormPanel
+from taichi_plume.draw.form_panel import STYLE, FormPanel
 from taichi_plume.draw.pointer import Pointer
 from taichi_plume.draw.run_panel import RunPanel
 from taichi_plume.draw.workplace import FileChangedError, Workplace
@@ -34,13 +34,6 @@ from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.yaml_text import LineError
 from taichi_plume.report.theme import ABOVE, SIDE
 
-STYLE = """
-:host { font-family: Helvetica, Arial, sans-serif; font-size: 13px; color: #1d2733; }
-.bk-btn { padding: 4px 8px; }
-.bk-input, .bk-input-group select { min-height: 24px; height: 26px; padding: 2px 8px; }
-.bk-input-group label { color: #5d6875; font-size: 12px; }
-.bk-btn, .bk-input, label { font-family: Helvetica, Arial, sans-serif; font-size: 13px; }
-"""
 TEXT_STYLE = "textarea.bk-input { height: 100%; font: 12px monospace; white-space: pre; overflow: auto; }"
 ONE_LINE: dict[str, str | None] = {
     "color": "#5d6875",

@@ -49,14 +49,15 @@ class Guarded(BokehTornado):
         return super().find_handler(request, **kwargs)
 
 
+LOGGERS = tuple(map(logging.getLogger, ("tornado", "bokeh", "asyncio")))
+
+
 class Log(logging.Handler):
     """Warnings and errors of tornado, Bokeh and asyncio on the terminal, a line each.
 
     Queries of URLs are left out, as they hold the token.
     debug: print tracebacks as well.
     """
-
-    LOGGERS = tuple(map(logging.getLogger, ("tornado", "bokeh", "asyncio")))
 
     def __init__(self, debug: bool):
         super().__init__(logging.WARNING)
@@ -70,17 +71,11 @@ class Log(logging.Handler):
             lines += "".join(traceback.format_exception(error)).splitlines() if self.debug else []
         say(*(re.sub(r"\?\S*", "?...", line) for line in lines), error=True)
 
-    def start(self) -> None:
-        """Take the place of Python's own output of these records."""
-        for logger in self.LOGGERS:
-            logger.addHandler(self)
-            logger.propagate = False
-
-    def stop(self) -> None:
-        """Undo `start`."""
-        for logger in self.LOGGERS:
-            logger.removeHandler(self)
-            logger.propagate = True
+    def take_over(self, end: bool = False) -> None:
+        """Take the place of Python's own output of these records, or end this."""
+        for logger in LOGGERS:
+            (logger.removeHandler if end else logger.addHandler)(self)
+            logger.propagate = end
 
 
 class Service:
@@ -122,7 +117,7 @@ class Service:
 
     def start(self) -> None:
         """Serve pages, once the loop runs."""
-        self.log.start()
+        self.log.take_over()
         gc.collect()
         gc.freeze()  # Bokeh collects garbage for each page that it forgets, which would search all modules
         self.server.start()
@@ -135,7 +130,7 @@ class Service:
             self.server.stop()
         self.pool.shutdown(wait=False, cancel_futures=True)
         self.workplace.runs.close()
-        self.log.stop()
+        self.log.take_over(end=True)
 
     def _open(self, document) -> None:
         document.title = f"{self.workplace.file.name} - taichi_plume draw"
