@@ -67,7 +67,7 @@ class OfRun(_Files):
     """Report, recording, or ZIP of all files of a run."""
 
     async def get(self, number: str, name: str) -> None:
-        run = self.workplace.runs.run(int(number))
+        run = self.workplace.run_of(int(number))
         if run is None:
             raise HTTPError(404)
         if name == "run.zip":

@@ -17,6 +17,7 @@ from taichi_plume.report import theme
 if TYPE_CHECKING:
     from taichi_plume.draw.page import Page
 
+LISTED = 10
 ENDED = ("completed", "stopped")
 """States of runs that have come to their end; a run stops early if its robots are done."""
 CELL = "text-align:left;vertical-align:top;padding:3px 8px 3px 0;border-bottom:1px solid #e3e7eb"
@@ -63,7 +64,7 @@ class RunPanel:
     @property
     def run(self) -> Run | None:
         """The run that is shown."""
-        return self.page.workplace.runs.run(self.number)
+        return self.page.workplace.run_of(self.number)
 
     @property
     def sight(self) -> Instant | None:
@@ -110,7 +111,7 @@ class RunPanel:
 
     def refresh(self) -> None:
         """Show the present state of the runs."""
-        self.number = self.number or len(self.page.workplace.runs.all)
+        self.number = self.number or len(self.page.workplace.runs)
         self._show_list()
         run = self.run
         if run is None:
@@ -179,7 +180,7 @@ class RunPanel:
 
     def _show_list(self) -> None:
         """Show the last runs beside each other, the newest first."""
-        runs = self.page.workplace.runs.listed
+        runs = self.page.workplace.runs[: -LISTED - 1 : -1]
         rows = [run.row() for run in runs]
         cells = [[f"<th style='{CELL}'>{key}</th>" for key in line] for line in rows[:1]]
         cells += [[f"<td style='{CELL}'>{escape(text)}</td>" for text in line.values()] for line in rows]

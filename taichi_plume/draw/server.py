@@ -129,7 +129,8 @@ class Service:
         with suppress(AssertionError):  # Bokeh's, if it has been stopped already
             self.server.stop()
         self.pool.shutdown(wait=False, cancel_futures=True)
-        self.workplace.runs.close()
+        for run in self.workplace.runs:
+            run.close()
         self.log.take_over(end=True)
 
     def _open(self, document) -> None:

@@ -2,15 +2,17 @@
 
 import os
 from collections.abc import Collection
+from itertools import count
 from pathlib import Path
 from typing import Protocol
 
 from taichi_plume.draw.checks import Findings, check
+from taichi_plume.draw.document import data_of
 from taichi_plume.draw.drafts import Draft, Drafts
 from taichi_plume.draw.edits import BLANK
 from taichi_plume.draw.history import History
 from taichi_plume.draw.objects import Scene, scene, stamps
-from taichi_plume.draw.runs import Run, Runs
+from taichi_plume.draw.runs import Run
 from taichi_plume.files.disk import written_whole
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import inside
@@ -57,7 +59,7 @@ class Workplace:
         self.drafts = Drafts(self.file)
         for draft in [draft for draft in self.drafts.waiting if draft.text == self.text]:
             self.drafts.refuse(draft)  # saved just before a server was killed
-        self.runs = Runs(self.root, allow_outside)
+        self.runs: list[Run] = []
         self.pages: list[Follower] = []
         self._scene: tuple[object, Scene] | None = None
         self.findings: Findings | None = None
@@ -171,13 +173,27 @@ class Workplace:
 
     def run(self, text: str, agreed: Collection[str] = ()) -> Run:
         """Start a run of a text. agreed: SHA-256 of the Python files that the user has allowed. Raises InputError."""
+        name, above = data_of(text).get("name", "run"), self.root / "runs"
+        name = name if isinstance(name, str) and name.replace("_", "").replace("-", "").isalnum() else "run"
+        if not self.allow_outside and not inside(above, self.root):
+            raise InputError(
+                f"{above}: is a link to {above.resolve()}, outside the folder in which the command was started; remove "
+                "the link, or add --allow-outside"
+            )
+        taken = {run.folder for run in self.runs}  # also of runs that have not made their folder yet
+        folders = (above / f"{name}-{n}" for n in count(1))
+        free = next(folder for folder in folders if folder not in taken and not os.path.lexists(folder))
+        drawn = self.scene if text == self.text else scene(text, self.folder, self.allow_outside)
+        run = Run(len(self.runs) + 1, free, text, self.runs[-1].text if self.runs else None, drawn)
         flags = ["--allow-outside"] * self.allow_outside + ["--allow-code"] * self.allow_code
-        flags += [word for digest in agreed for word in ("--allow-sha256", digest)]
-        run = self.runs.start(text, self.folder, flags)
-        same = text == self.text
-        run.scene = self.scene if same else scene(text, self.folder, self.allow_outside)
+        run.start(self.folder, self.root, flags + [w for sha in agreed for w in ("--allow-sha256", sha)])
+        self.runs.append(run)
         self._notify()
         return run
+
+    def run_of(self, number: int) -> Run | None:
+        """Return the run with a number; None if there is none."""
+        return self.runs[number - 1] if 1 <= number <= len(self.runs) else None
 
     def check(self, text: str | None = None) -> tuple[str, Findings]:
         """Check a text, by default the present one; return the text and its findings. May run in another thread."""
@@ -240,7 +256,10 @@ class Workplace:
 
     def watch(self) -> None:
         """Read the states of the runs; pages show what has changed."""
-        if self.runs.poll():
+        running = [run for run in self.runs if run.wall is None]
+        for run in running:
+            run.poll()
+        if running:
             self._notify(runs_alone=True)
 
     def _notify(self, runs_alone: bool = False) -> None:

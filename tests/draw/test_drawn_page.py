@@ -421,14 +421,9 @@ def coded(tmp_path, monkeypatch):
     """A page whose text names Python code, and the list of (text, flags) of the runs that it starts."""
     (tmp_path / "mine.py").write_text(CODE)
     text = ROOM.replace("{kind: casting, threshold_ppm: 5}", "{kind: own, file: mine.py}", 1)
-    place, page = opened(tmp_path, text)
-    started = []
+    page, started = opened(tmp_path, text)[1], []
 
-    def start(text, folder, flags):
-        started.append((text, flags))
-        return SimpleNamespace(number=0)
-
-    monkeypatch.setattr(place.runs, "start", start)
+    monkeypatch.setattr(Run, "start", lambda run, folder, root, flags: started.append((run.text, flags)))
     return page, started
 
 
@@ -534,11 +529,11 @@ def test_the_picture_of_a_run_lies_under_the_objects(page):
 def running(page, t):
     """Let a run of the present text be alive at a time [s]."""
     runs = page.workplace.runs
-    run = Run(len(runs.all) + 1, page.workplace.root / "runs", page.workplace.text, "")
+    run = Run(len(runs) + 1, page.workplace.root / "runs", page.workplace.text, scene=page.scene)
     process: Any = SimpleNamespace(poll=lambda: None)
     run.process = process
-    run.sight, run.scene = sight_at(t), page.scene
-    runs.all.append(run)
+    run.sight = sight_at(t)
+    runs.append(run)
     page.look()
     return run
 
@@ -606,7 +601,7 @@ def test_the_gas_of_a_run_is_said_to_belong_to_an_older_room(page):
     assert "ppm" not in page.hint.text, "the use of the tool"
     page.pointer.palette.active = 0
     assert "ppm" in page.hint.text
-    page.workplace.runs.all[0].process = None
+    page.workplace.runs[0].process = None
     page._typed(page.workplace.text + "# more\n")
     assert canvas.sources["image"].data["image"] == []
     assert "ppm" not in page.hint.text, "the scale goes with the gas"
