@@ -18,12 +18,11 @@ if TYPE_CHECKING:
     from taichi_plume.draw.page import Page
 
 WIDTH = 400
-STYLE = """
-:host { font-family: Helvetica, Arial, sans-serif; font-size: 13px; color: #1d2733; }
-.bk-btn { padding: 4px 8px; }
-.bk-input, .bk-input-group select { min-height: 24px; height: 26px; padding: 2px 8px; }
-label, .bk-input-group label { color: #5d6875; font-size: 12px; padding-right: 4px; }
-.bk-btn, .bk-input, label { font-family: Helvetica, Arial, sans-serif; font-size: 13px; }
+COMPACT = """
+:host { font-family: Helvetica, Arial, sans-serif; font-size: 13px; }
+.bk-input { min-height: 24px; height: 26px; padding: 2px 8px; font-size: 13px; }
+label { color: #5d6875; font-size: 12px; padding-right: 4px; }
+.bk-btn { padding: 3px 8px; }
 """
 
 
@@ -34,9 +33,9 @@ class FormPanel:
         self.page, self.keys = page, ()
         self.widgets: dict[str, Any] = {}
         self._setting = False
-        self.sections = Select(width=WIDTH - 70, name="sections", stylesheets=[STYLE])
+        self.sections = Select(width=WIDTH - 70, name="sections", stylesheets=[COMPACT])
         self.sections.on_change("value", lambda _attr, _old, new: None if self._setting else page.choose(new))
-        self.back = Button(label="‹ back", width=60, stylesheets=[STYLE])
+        self.back = Button(label="‹ back", width=60, stylesheets=[COMPACT])
         self.back.on_click(self._go_back)
         self.purpose = Div(width=WIDTH)
         self.rows = column(width=WIDTH)
@@ -94,7 +93,7 @@ class FormPanel:
             "width": WIDTH - 80,
             "name": entry.path,
         }
-        common |= {"stylesheets": [STYLE], "margin": (1, 5, 1, 5)}
+        common |= {"stylesheets": [COMPACT], "margin": (1, 5, 1, 5)}
         if entry.choices:
             options: list[Any] = [*([] if entry.key == "kind" else [forms.NOT_GIVEN]), *entry.choices]
             if entry.value and entry.value not in options:
@@ -110,7 +109,7 @@ class FormPanel:
         widget = self.widgets[entry.path]
         if not entry.is_section:
             return widget
-        button = Button(label="open ›", width=60, align="end", stylesheets=[STYLE], margin=(1, 5, 1, 5))
+        button = Button(label="open ›", width=60, align="end", stylesheets=[COMPACT], margin=(1, 5, 1, 5))
         button.on_click(lambda: self.page.choose(entry.path))
         return row(widget, button)
 

@@ -26,7 +26,7 @@ from taichi_plume.draw import edits
 from taichi_plume.draw.canvas import UNLIKELY, WRONG, Canvas
 from taichi_plume.draw.checks import Findings
 from taichi_plume.draw.drafts import Draft
-from taichi_plume.draw.form_panel import STYLE, FormPanel
+from taichi_plume.draw.form_panel import FormPanel
 from taichi_plume.draw.pointer import Pointer
 from taichi_plume.draw.run_panel import RunPanel
 from taichi_plume.draw.workplace import FileChangedError, Workplace
@@ -34,6 +34,13 @@ from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.yaml_text import LineError
 from taichi_plume.report.theme import ABOVE, SIDE
 
+STYLE = """
+:host { font-family: Helvetica, Arial, sans-serif; font-size: 13px; color: #1d2733; }
+.bk-btn { padding: 4px 8px; }
+.bk-input, .bk-input-group select { min-height: 24px; height: 26px; padding: 2px 8px; }
+.bk-input-group label { color: #5d6875; font-size: 12px; }
+.bk-btn, .bk-input, label { font-family: Helvetica, Arial, sans-serif; font-size: 13px; }
+"""
 TEXT_STYLE = "textarea.bk-input { height: 100%; font: 12px monospace; white-space: pre; overflow: auto; }"
 ONE_LINE: dict[str, str | None] = {
     "color": "#5d6875",
@@ -41,7 +48,7 @@ ONE_LINE: dict[str, str | None] = {
     "overflow": "hidden",
     "text-overflow": "ellipsis",
 }
-GAP = 10  # ms until a page follows another one, in which the server reads what users do
+GAP = 30  # ms from one page that follows to the next, in which the server reads what users do
 HIDDEN = "hidden"  # `document.visibilityState` of a tab in the background
 ABOUT_NAME = "Another name saves the text as a new file"
 SCRIPT = """
@@ -69,8 +76,8 @@ tell()
 class Page:
     """The page of one browser tab. document: of Bokeh; workplace: shared by all tabs.
 
-    The page in which a user acts shows the result first, the others follow; a tab in the background follows once it is
-    seen again.
+    The page in which a user acts shows the result first, the others follow one by one; a tab in the background follows
+    once it is seen again.
     """
 
     def __init__(self, document: Document, workplace: Workplace):
@@ -99,7 +106,7 @@ class Page:
         if work not in self._due:
             self._due.append(work)
         if is_first and self.seen.value != HIDDEN:
-            self.document.add_timeout_callback(self._catch_up, GAP)
+            self.document.add_timeout_callback(self._catch_up, GAP * (1 + self.workplace.pages.index(self)))
 
     def _catch_up(self) -> None:
         due, self._due = self._due, []
@@ -210,7 +217,7 @@ class Page:
         remarks = checked.remarks if checked is not None else ()
         lines, marks = [], {plane: [] for plane in self.canvases}
         for n, remark in enumerate(remarks, 1):
-            owner = scene.thing(remark.owner(scene))
+            owner = scene.thing(scene.owner(remark.path))
             for plane in scene.planes if owner is not None else ():
                 place = owner.place(plane)
                 if place is not None:
@@ -221,7 +228,7 @@ class Page:
                     marks[plane].append((str(n), (place[0] + shift, place[1]), remark.is_error))
             color, word = (WRONG, "error") if remark.is_error else (UNLIKELY, "unlikely")
             lines.append(f"<p><b style='color:{color}'>{n} {word}</b> {escape(scene.named(remark.line))}</p>")
-        wrong = {remark.owner(scene) for remark in remarks if remark.is_error}
+        wrong = {scene.owner(remark.path) for remark in remarks if remark.is_error}
         for plane, canvas in self.canvases.items():
             canvas.show(scene, self.chosen, wrong, marks[plane])
         nothing = "<p>Nothing: the scenario can be run.</p>" if checked is not None else "<p>checking …</p>"

@@ -90,11 +90,9 @@ class WebSocketLink:
     # ------------------------------------------------------------ thread of the clock
 
     def listen(self, incoming: Mapping[str, Hear], stray: Hear) -> None:
-        """Pass each incoming message to the receiver of its topic, and messages of other topics to `stray`."""
         self.stray, self.incoming = stray, incoming
 
     def wants(self, topic: str, name: str) -> bool:
-        """Return whether a client has subscribed to a topic of ROS type `name`; the first call advertises the topic."""
         channel = self._channels.get(topic)
         if channel is None:
             number = len(self._channels) + 1

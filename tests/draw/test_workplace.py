@@ -385,8 +385,3 @@ def test_findings_of_an_earlier_text_are_not_taken(place):
     assert place.findings is None
     place.found(*place.check())
     assert place.findings.sound
-
-
-def test_the_draft_stands_beside_the_file(place):
-    place.put(edited(place))
-    assert place.drafts.own.path.parent == place.folder
