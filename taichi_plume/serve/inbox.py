@@ -136,12 +136,12 @@ class Inbox:
 
     def _columns(self, robots: np.ndarray, fields: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """Return the values of the given fields, each with an entry per robot. Raises MalformedError."""
-        wanted, other = ("poses", "velocities") if self.placed else ("velocities", "poses")
+        own, other = ("poses", "velocities") if self.placed else ("velocities", "poses")
         given = {name for name, values in fields.items() if len(values)}
-        if given.intersection(NEEDED[other]) and not given.intersection(NEEDED[wanted]):
-            raise MalformedError(f"{other}, but the group takes {wanted}")
-        taken = given.intersection(FLOWN[wanted]).union(
-            NEEDED[wanted], DECLARED if given & {*DECLARED} else ()
+        if given.intersection(NEEDED[other]) and not given.intersection(NEEDED[own]):
+            raise MalformedError(f"{other}, but the group takes {own}")
+        taken = given.intersection(FLOWN[own]).union(
+            NEEDED[own], DECLARED if given & {*DECLARED} else ()
         )
         columns: dict[str, np.ndarray] = {}
         for name in sorted(taken):
