@@ -140,9 +140,7 @@ class Inbox:
         given = {name for name, values in fields.items() if len(values)}
         if given.intersection(NEEDED[other]) and not given.intersection(NEEDED[own]):
             raise MalformedError(f"{other}, but the group takes {own}")
-        taken = given.intersection(FLOWN[own]).union(
-            NEEDED[own], DECLARED if given & {*DECLARED} else ()
-        )
+        taken = given.intersection(FLOWN[own]).union(NEEDED[own], DECLARED if given & {*DECLARED} else ())
         columns: dict[str, np.ndarray] = {}
         for name in sorted(taken):
             columns[name] = values = np.array(fields[name], float)
