@@ -89,7 +89,7 @@ async def _serve(workplace: "Workplace", port: int, debug: bool, browser: bool) 
 
 def _asked(service: "Service", number: int, ended: asyncio.Event) -> None:
     """End the command; if runs are alive and a user can answer, ask first whether they should go on."""
-    alive = service.workplace.runs.alive
+    alive = [run for run in service.workplace.runs if run.alive]
     if alive and number == signal.SIGINT and sys.stdin and sys.stdin.isatty():
         noun = "run is" if len(alive) == 1 else "runs are"
         say(

@@ -6,16 +6,14 @@ becomes a cookie that scripts cannot read and that foreign pages do not send.
 """
 
 import hmac
-from collections.abc import Callable
+import re
 from http.cookies import CookieError, SimpleCookie
 from typing import Any
 
 from tornado.httputil import HTTPHeaders, HTTPServerRequest
-from tornado.routing import Router
-from tornado.web import Application, OutputTransform, RequestHandler
+from tornado.web import OutputTransform, RequestHandler
 
 NAMES = ("127.0.0.1", "localhost")
-MONTH = 30  # days
 POLICY = (
     "default-src 'self' data: blob:; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; "
     "style-src 'self' 'unsafe-inline'; connect-src 'self'{sockets}; frame-src 'self' http://127.0.0.1:*; "
@@ -41,19 +39,14 @@ class Access:
             return "this page is served under 127.0.0.1 only"
         upgrade = "upgrade" in request.headers.get("Connection", "").lower()
         origins = request.headers.get_list("Origin")
-        if (upgrade and not origins) or any(origin != f"http://{host[0]}" for origin in origins):
+        is_link = request.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin")
+        foreign = (upgrade and not origins) or any(origin != f"http://{host[0]}" for origin in origins)
+        if foreign or (is_link and not self._with_token(request)):
             return "requests of other pages are refused"
-        if request.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
-            if not self._with_token(request):
-                return "requests of other pages are refused"
-        entitled = (
-            self._with_cookie(request)
-            or self._with_pass(request)
-            or (self._with_token(request) and not upgrade)
-        )
-        if not entitled:
-            return "the address lacks its token: use the one that `taichi-plume draw` printed"
-        return ""
+        entitled = self._with_cookie(request) or self._with_pass(request)
+        if entitled or (self._with_token(request) and not upgrade):
+            return ""
+        return "the address lacks its token: use the one that `taichi-plume draw` printed"
 
     def enters(self, request: HTTPServerRequest) -> bool:
         """Return whether a request brings the token in its URL, to be exchanged for the cookie."""
@@ -65,9 +58,8 @@ class Access:
         return f"/pass/{digest}{path}"
 
     def _with_pass(self, request: HTTPServerRequest) -> bool:
-        _, word, _, *parts = f"{request.path}///".split("/")
-        path = "/" + "/".join(parts).removesuffix("///")
-        return word == "pass" and request.method == "GET" and _same(request.path, self.pass_to(path))
+        file = re.sub(r"^/pass/[^/]*", "", request.path)
+        return request.method == "GET" and file != request.path and _same(request.path, self.pass_to(file))
 
     def _with_token(self, request: HTTPServerRequest) -> bool:
         given = request.query_arguments.get("token", [])
@@ -88,24 +80,7 @@ def _same(given: str | bytes, secret: str) -> bool:
     return hmac.compare_digest(content, secret.encode())
 
 
-def unlogged(_: RequestHandler) -> None:
-    """Log no request: its URL may hold the token."""
-
-
-class Gatekeeper(Router):
-    """Router in front of an application: requests that `Access` refuses do not reach it."""
-
-    def __init__(self, application: Application, access: Access):
-        self.application, self.access = application, access
-        self.answers = Application([(r".*", _Answer, {"access": access})], log_function=unlogged)
-
-    def find_handler(self, request: Any, **kwargs: Any) -> Any:
-        if self.access.refusal(request) or self.access.enters(request):
-            return self.answers.find_handler(request, **kwargs)
-        return self.application.find_handler(request, **kwargs)
-
-
-class _Answer(RequestHandler):
+class Answer(RequestHandler):
     """Refusal of a request, or exchange of the token for a cookie."""
 
     def initialize(self, access: Access) -> None:
@@ -120,24 +95,20 @@ class _Answer(RequestHandler):
             return
         options: dict[str, Any] = {"httponly": True, "samesite": "Strict", "path": "/", "expires_days": None}
         self.set_cookie(self.access.cookie, self.access.token, **options)
-        self.set_header("Referrer-Policy", "no-referrer")
         self.redirect("/", status=303)
 
 
-def protection(access: Access) -> Callable[[HTTPServerRequest], OutputTransform]:
-    """Return a transform of tornado that adds the protecting headers to every answer."""
+class Protection(OutputTransform):
+    """Transform of tornado that adds the protecting headers to every answer."""
 
-    class Protection(OutputTransform):
-        def __init__(self, request: HTTPServerRequest):
-            pass
+    def __init__(self, access: Access, request: HTTPServerRequest):
+        self.access = access
 
-        def transform_first_chunk(
-            self, status_code: int, headers: HTTPHeaders, chunk: bytes, finishing: bool
-        ) -> tuple[int, HTTPHeaders, bytes]:
-            headers["Content-Security-Policy"] = access.policy
-            headers["Referrer-Policy"] = "no-referrer"
-            headers["X-Content-Type-Options"] = "nosniff"
-            headers["Cross-Origin-Resource-Policy"] = "same-origin"
-            return status_code, headers, chunk
-
-    return Protection
+    def transform_first_chunk(
+        self, status_code: int, headers: HTTPHeaders, chunk: bytes, finishing: bool
+    ) -> tuple[int, HTTPHeaders, bytes]:
+        headers["Content-Security-Policy"] = self.access.policy
+        headers["Referrer-Policy"] = "no-referrer"
+        headers["X-Content-Type-Options"] = "nosniff"
+        headers["Cross-Origin-Resource-Policy"] = "same-origin"
+        return status_code, headers, chunk

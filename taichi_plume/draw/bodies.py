@@ -14,14 +14,13 @@ from taichi_plume.draw.parts import (
     Point,
     Values,
     dragged,
-    moved_point,
     pair,
 )
 from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.outlines import rectangle
 from taichi_plume.grid.shapes import Shape, rotation
 from taichi_plume.report.theme import ABOVE
-from taichi_plume.scenario.obstacles import Box, Cylinder, Mesh, Prism, Round, Sphere, WallMap
+from taichi_plume.scenario.obstacles import Box, Cylinder, Mesh, Prism, Round, WallMap
 
 ARM = 0.25  # m from an obstacle's edge to the handle that turns the obstacle
 MOST_CORNERS = 80_000  # of an outline: more are drawn as the rectangle around
@@ -31,7 +30,14 @@ class Body(Part):
     """An obstacle, by its shape; below a path of way points if the obstacle walks."""
 
     def __init__(self, model: Any, room: tuple[float, ...], shape: Shape):
-        super().__init__(model, room)
+        keys = (
+            ("vertices",)
+            if isinstance(model, Prism)
+            else ("translate",)
+            if isinstance(model, Mesh)
+            else ("center",)
+        )
+        super().__init__(model, room, () if isinstance(model, WallMap) else keys)
         self.shape = shape
 
     def _span(self, plane: Plane) -> tuple[list[float], list[float]]:
@@ -68,48 +74,38 @@ class Body(Part):
         return np.array([self.model.center[:2], *(point[1:] for point in motion.path)], float)
 
     def handles(self, plane: Plane) -> dict[str, Point]:
-        low, high = self._span(plane)
-        handles = {"center": pair((np.array(low) + high) / 2)}
-        if plane != ABOVE and not isinstance(self.model, Mesh | WallMap):
-            a = handles["center"][0]
-            handles["+0+1"] = (a, high[1])
-            if not isinstance(self.model, Sphere):
-                handles["+0-1"] = (a, low[1])
-        return handles | self._own_handles(plane)
-
-    def _own_handles(self, plane: Plane) -> dict[str, Point]:
-        model = self.model
+        model, (low, high) = self.model, self._span(plane)
+        middle = (np.array(low) + high) / 2
+        handles = {"center": pair(middle)}
         if plane != ABOVE:
-            return {}
-        handles = (
-            {f"way {n}": pair(point[1:]) for n, point in enumerate(model.motion.path)} if model.motion else {}
-        )
+            if not isinstance(model, Mesh | WallMap):
+                handles["+0+1"] = (handles["center"][0], high[1])
+            if isinstance(model, Box | Cylinder | Prism):
+                handles["+0-1"] = (handles["center"][0], low[1])
+            return handles
+        if model.motion is not None:
+            handles |= {f"way {n}": pair(point[1:]) for n, point in enumerate(model.motion.path)}
         if isinstance(model, Prism):
-            handles |= {f"corner {n}": pair(corner) for n, corner in enumerate(model.vertices)}
-        elif isinstance(model, Box):
-            for a, b in SIGNS:
-                local = np.array([a * model.size[0] / 2, b * model.size[1] / 2])
-                handles[f"{a:+d}{b:+d}"] = pair(model.center[:2] + rotation(model.yaw_deg) @ local)
-            handles["turn"] = pair(model.center[:2] + rotation(model.yaw_deg) @ (model.size[0] / 2 + ARM, 0))
-        elif isinstance(model, Round):
+            handles |= {key: pair(corner) for key, corner in self.points.items()}
+        if isinstance(model, Round):
             handles["rim"] = (model.center[0] + model.disc, model.center[1])
-        elif isinstance(model, Mesh):
-            low, high = self._span(plane)
-            middle, reach = (np.array(low) + high) / 2, (high[0] - low[0]) / 2 + ARM
+        if isinstance(model, Box):
+            turned, half = rotation(model.yaw_deg), np.array(model.size[:2]) / 2
+            handles |= {f"{i:+d}{j:+d}": pair(model.center[:2] + turned @ (half * (i, j))) for i, j in SIGNS}
+        if isinstance(model, Box | Mesh):
+            reach = (model.size[0] if isinstance(model, Box) else high[0] - low[0]) / 2 + ARM
             handles["turn"] = pair(middle + rotation(model.yaw_deg) @ (reach, 0))
         return handles
 
     def moved(self, handle: str, plane: Plane, to: Point) -> Values:
         model = self.model
-        if handle == "center":
+        if handle == "center" or handle in self.points:
             return super().moved(handle, plane, to)
         if handle == "turn":
             x, y = self.handles(plane)["center"]
             return {"yaw_deg": float(round(degrees(atan2(to[1] - y, to[0] - x)), 1))}
         if handle.startswith("way "):
             return {f"motion.path[{handle[4:]}][{1 + d}]": float(to[d]) for d in range(2)}
-        if handle.startswith("corner "):
-            return {f"vertices[{int(handle[7:])}]": [float(to[0]), float(to[1])]}
         if handle == "rim":
             return {"radius": max(LEAST, hypot(to[0] - model.center[0], to[1] - model.center[1]))}
         if plane != ABOVE:
@@ -141,16 +137,10 @@ class Body(Part):
 
     def shifted(self, by: np.ndarray) -> Values:
         model = self.model
-        if isinstance(model, Mesh):
-            return {"translate": moved_point(model.translate, by)}
         if isinstance(model, WallMap):
             at = model.origin or (self.shape.reach[0] if isinstance(self.shape, FloorPlan) else (0.0, 0.0))
             return {"origin": [float(at[0] - by[0]), float(at[1] - by[1])]}
-        values: Values = {}
-        if isinstance(model, Prism):
-            values["vertices"] = [moved_point(corner, by) for corner in model.vertices]
-        else:
-            values["center"] = moved_point(model.center, by)
+        values = super().shifted(by)
         if isinstance(model, Cylinder | Prism) and by[2]:
             values["base"] = max(0.0, model.base + float(by[2]))
         if model.motion is not None:

@@ -1,6 +1,6 @@
 """Views of the drawing as Bokeh figures: from above and, in 3-D, from the side. They show objects and know no text."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from math import pi
 from typing import Any
 
@@ -12,7 +12,7 @@ from bokeh.plotting import figure
 
 from taichi_plume.draw.bodies import Body
 from taichi_plume.draw.objects import Scene, Thing
-from taichi_plume.draw.parts import Plane, Point, Rectangle
+from taichi_plume.draw.parts import Outline, Plane, Point, Rectangle
 from taichi_plume.execution.latest_instant import Instant, Picture
 from taichi_plume.report import theme
 from taichi_plume.report.theme import ABOVE
@@ -24,9 +24,43 @@ LABELS = 2.0  # pixels by which the figure's inner part may change without being
 ARROW = 0.05  # of the longer side: an arrow of the fastest wind
 FINE = 200  # pixels along the longer side of a picture, at least half of them
 FONT = "Helvetica, Arial, sans-serif"
+COORDINATES = ("x", "y", "x0", "y0", "x1", "y1", "xs", "ys", "dw", "dh", "width", "height", "image")
 CHOSEN, WRONG, UNLIKELY = "#0b6bcb", theme.ERROR, theme.UNLIKELY
 AT_START = 0.15  # opacity of a walker's start while the walker of a run is drawn
-SHAPES = ("xs", "ys", "color", "alpha", "edge", "width", "path")
+SHAPE = "xs ys color alpha edge width path"
+TEXT = {"text": "text", "text_font": value(FONT), "text_font_size": "11px", "text_align": "center"}
+LAYERS: dict[str, tuple[str, str, dict[str, Any]]] = {
+    "floor": ("rect", "x y width height", {"fill_color": "#ffffff", "line_color": None, "level": "image"}),
+    "image": ("image_rgba", "image x y dw dh", {"level": "image"}),
+    "wind": ("segment", "x0 y0 x1 y1", {"line_color": theme.WIND, "line_alpha": 0.45}),
+    "areas": (
+        "patches", SHAPE,
+        {"fill_color": "color", "fill_alpha": "alpha", "line_color": "edge", "line_width": "width"},
+    ),
+    "walkers": (
+        "patches", "xs ys", {"fill_color": theme.SOLID, "fill_alpha": 0.95, "line_color": theme.SOLID_EDGE}
+    ),
+    "earlier": ("multi_line", "xs ys", {"line_color": "#000000", "line_width": 2, "line_dash": "dashed"}),
+    "lines": ("multi_line", SHAPE, {"line_color": "edge", "line_width": "width", "line_alpha": "alpha"}),
+    "flows": (
+        "scatter", "x y angle color",
+        {"marker": "triangle", "size": 11, "angle": "angle", "fill_color": "color", "line_color": None},
+    ),
+    "headings": ("segment", "x0 y0 x1 y1 color", {"line_color": "color", "line_width": 3}),
+    "robots": (
+        "scatter", "x y color", {"size": 13, "fill_color": "color", "line_color": "#ffffff", "line_width": 1.5}
+    ),
+    "sketch": ("line", "x y", {"line_color": CHOSEN, "line_dash": "dashed", "line_width": 2}),
+    "labels": (
+        "text", "x y text color", {**TEXT, "text_color": "color", "text_baseline": "top", "y_offset": 3}
+    ),
+    "handles": (
+        "scatter", "x y name marker",
+        {"marker": "marker", "size": 9, "fill_color": "#ffffff", "line_color": CHOSEN, "line_width": 2},
+    ),
+    "marks": ("scatter", "x y text color", {"size": 18, "fill_color": "color", "line_color": "#ffffff"}),
+}  # fmt: skip
+"""Layers of a view, the lowest first: method of the figure, columns of the source, and style by values or columns."""
 
 
 class Canvas:
@@ -51,17 +85,27 @@ class Canvas:
         for name in ("inner_width", "inner_height"):
             self.figure.on_change(name, lambda _attr, _old, _new: self._resized())
         self._style()
-        names: dict[str, Sequence[str]] = {
-            "floor": ("x", "y", "w", "h"), "image": ("image", "x", "y", "dw", "dh"),
-            "wind": ("x0", "y0", "x1", "y1"), "areas": SHAPES, "lines": SHAPES, "handles": ("x", "y", "name", "marker"),
-            "flows": ("x", "y", "angle", "color"), "labels": ("x", "y", "text", "color"),
-            "marks": ("x", "y", "text", "color"),
-            "robots": ("x", "y", "color"), "headings": ("x0", "y0", "x1", "y1", "color"), "sketch": ("x", "y"),
-            "walkers": ("xs", "ys"), "earlier": ("xs", "ys"),
-        }  # fmt: skip
-        self.sources = {name: ColumnDataSource({key: [] for key in keys}) for name, keys in names.items()}
+        self.sources: dict[str, ColumnDataSource] = {}
+        for name, (method, columns, style) in LAYERS.items():
+            keys = columns.split()
+            source = self.sources[name] = ColumnDataSource({key: [] for key in keys})
+            given = {key: key for key in keys if key in COORDINATES}
+            getattr(self.figure, method)(source=source, **given, **style)
+        self.figure.text(
+            "x", "y", source=self.sources["marks"], text_color="#ffffff", text_baseline="middle",
+            text_font_style="bold", **TEXT,
+        )  # fmt: skip
         self.sources["image"].name = "gas" if plane == ABOVE else None
-        self._glyphs()
+        self.note = Label(
+            x=6, y=6, x_units="screen", y_units="screen", text="", text_color=UNLIKELY, text_font=FONT,
+            text_font_size="12px", background_fill_color="#ffffff", background_fill_alpha=0.9,
+        )  # fmt: skip
+        self.figure.add_layout(self.note)
+
+    def _fill(self, layer: str, rows: Iterable[Any] = ()) -> None:
+        """Show rows of values in a layer, in the order of the layer's columns."""
+        keys, rows = LAYERS[layer][1].split(), list(rows)
+        self.sources[layer].data = {key: [row[n] for row in rows] for n, key in enumerate(keys)}
 
     def _style(self) -> None:
         plot: Any = self.figure
@@ -75,71 +119,6 @@ class Canvas:
             axis.axis_label_text_color = axis.major_label_text_color = theme.FAINT
             axis.axis_line_color = axis.minor_tick_line_color = None
             axis.major_tick_line_color = "#c9d1d9"
-
-    def _glyphs(self) -> None:
-        plot, of = self.figure, self.sources
-        plot.rect(
-            "x", "y", "w", "h", source=of["floor"], fill_color="#ffffff", line_color=None, level="image"
-        )
-        plot.image_rgba("image", "x", "y", "dw", "dh", source=of["image"], level="image")
-        plot.segment("x0", "y0", "x1", "y1", source=of["wind"], line_color=theme.WIND, line_alpha=0.45)
-        plot.patches(
-            "xs",
-            "ys",
-            source=of["areas"],
-            fill_color="color",
-            fill_alpha="alpha",
-            line_color="edge",
-            line_width="width",
-        )
-        plot.patches(
-            "xs",
-            "ys",
-            source=of["walkers"],
-            fill_color=theme.SOLID,
-            fill_alpha=0.95,
-            line_color=theme.SOLID_EDGE,
-        )
-        plot.multi_line(
-            "xs", "ys", source=of["earlier"], line_color="#000000", line_width=2, line_dash="dashed"
-        )
-        plot.multi_line(
-            "xs", "ys", source=of["lines"], line_color="edge", line_width="width", line_alpha="alpha"
-        )
-        plot.scatter(
-            "x",
-            "y",
-            angle="angle",
-            source=of["flows"],
-            marker="triangle",
-            size=11,
-            fill_color="color",
-            line_color=None,
-        )
-        plot.segment("x0", "y0", "x1", "y1", source=of["headings"], line_color="color", line_width=3)
-        plot.scatter(
-            "x", "y", source=of["robots"], size=13, fill_color="color", line_color="#ffffff", line_width=1.5
-        )
-        plot.line("x", "y", source=of["sketch"], line_color=CHOSEN, line_dash="dashed", line_width=2)
-        plot.text(
-            "x", "y", "text", source=of["labels"], text_color="color", text_font=value(FONT), text_font_size="11px",
-            text_align="center", text_baseline="top", y_offset=3,
-        )  # fmt: skip
-        plot.scatter(
-            "x", "y", marker="marker", source=of["handles"], size=9, fill_color="#ffffff", line_color=CHOSEN,
-            line_width=2,
-        )  # fmt: skip
-        plot.scatter("x", "y", source=of["marks"], size=18, fill_color="color", line_color="#ffffff")
-        plot.text(
-            "x", "y", "text", source=of["marks"], text_color="#ffffff", text_font=value(FONT), text_font_size="11px",
-            text_align="center", text_baseline="middle", text_font_style="bold",
-        )  # fmt: skip
-
-        self.note = Label(
-            x=6, y=6, x_units="screen", y_units="screen", text="", text_color=UNLIKELY, text_font=FONT,
-            text_font_size="12px", background_fill_color="#ffffff", background_fill_alpha=0.9,
-        )  # fmt: skip
-        plot.add_layout(self.note)
 
     # ---------------------------------------------------------------- objects
 
@@ -157,115 +136,84 @@ class Canvas:
             self.room = of.room
             self.fit()
         width, height = (of.room[d] for d in self.plane) if of.room else (0.0, 0.0)
-        self.sources["floor"].data = {"x": [width / 2], "y": [height / 2], "w": [width], "h": [height]}
-        areas: dict[str, list[Any]] = {key: [] for key in SHAPES}
-        lines: dict[str, list[Any]] = {key: [] for key in SHAPES}
-        labels: dict[str, list[Any]] = {key: [] for key in ("x", "y", "text", "color")}
+        self._fill("floor", [(width / 2, height / 2, width, height)])
+        areas, lines, labels = [], [], []
         for thing in of.things:
-            for outline in thing.outlines(self.plane):
-                into = areas if outline.closed and thing.path != "domain" else lines
-                points = outline.points
-                if outline.closed and into is lines:
-                    points = np.concatenate([points, points[:1]])
-                for key, part in self._look(thing, outline.closed, chosen, wrong).items():
-                    into[key].append(part)
-                into["xs"].append(points[:, 0].copy())
-                into["ys"].append(points[:, 1].copy())
-            for key, part in self._label(thing).items():
-                labels[key].append(part)
-        self.sources["flows"].data = self._flows(of)
-        self.sources["areas"].data, self.sources["lines"].data = areas, lines
-        self.sources["labels"].data = labels
-        self.sources["marks"].data = {
-            "x": [place[0] for _, place, _ in marks],
-            "y": [place[1] for _, place, _ in marks],
-            "text": [text for text, _, _ in marks],
-            "color": [WRONG if is_error else UNLIKELY for _, _, is_error in marks],
-        }
+            outlines = thing.outlines(self.plane)
+            for points, closed in outlines:
+                is_line = not closed or thing.path == "domain"
+                points = np.concatenate([points, points[:1]]) if closed and is_line else points
+                look = self._look(thing, closed, chosen, wrong)
+                (lines if is_line else areas).append((*points.T.copy(), thing.color, *look, thing.path))
+            if outlines and self.plane == ABOVE and thing.path not in ("domain", "arena"):
+                x, y = self._label_place(thing, outlines)
+                labels.append((x, y, thing.name, theme.INK))
+        self._fill("flows", self._flows(of))
+        self._fill("areas", areas)
+        self._fill("lines", lines)
+        self._fill("labels", labels)
+        self._fill("marks", ((*at, text, WRONG if is_error else UNLIKELY) for text, at, is_error in marks))
         self.show_handles(of.thing(chosen))
 
-    def _look(self, thing: Thing, closed: bool, chosen: str, wrong: Collection[str]) -> dict[str, Any]:
+    def _look(
+        self, thing: Thing, closed: bool, chosen: str, wrong: Collection[str]
+    ) -> tuple[float, str, float]:
+        """Return opacity, colour of the edge and width of the edge of an object."""
         kind = thing.path.partition("[")[0]
-        alpha = {"robots": 0.35, "obstacles": 0.95, "arena": 0.0, "gas": 0.6}.get(
-            kind.partition(".")[0], 0.35
-        )
+        alpha = {"obstacles": 0.95, "arena": 0.0}.get(kind, 0.6 if kind.startswith("gas") else 0.35)
         edge = {"obstacles": theme.SOLID_EDGE, "domain": theme.INK}.get(kind, thing.color)
-        width = 1.0 if closed else 1.5
-        if thing.path.startswith("wind.openings") and not closed:
-            width = 7.0
-        if thing.path == "domain":
-            width = 2.0
+        width = 2.0 if kind == "domain" else 1.0 if closed else 7.0 if kind == "wind.openings" else 1.5
         if thing.path in wrong:
             edge, width = WRONG, max(width, 2.5)
         if thing.path == chosen:
             edge, width = CHOSEN, max(width, 2.5)
-        if thing.path.startswith("robots") and isinstance(thing.part, Rectangle):
+        if kind == "robots" and isinstance(thing.part, Rectangle):
             alpha = 0.2  # an area of starts
         if self.sight is not None and isinstance(thing.part, Body) and thing.part.walks:
             alpha = AT_START
-        return {
-            "color": thing.color, "alpha": alpha if closed else 1.0, "edge": edge, "width": width, "path": thing.path,
-        }  # fmt: skip
+        return alpha if closed else 1.0, edge, width
 
-    def _label(self, thing: Thing) -> dict[str, Any]:
-        if self.plane != ABOVE or thing.path in ("domain", "arena") or thing.part is None:
-            return {}
-        outlines = thing.outlines(self.plane)
-        if not outlines:
-            return {}
-        points = np.concatenate(
-            [outline.points for outline in outlines if outline.closed] or [outlines[0].points]
-        )
-        x, y = (
-            float(np.nanmean([np.nanmin(points[:, 0]), np.nanmax(points[:, 0])])),
-            float(np.nanmin(points[:, 1])),
-        )
+    def _label_place(self, thing: Thing, outlines: Sequence[Outline]) -> Point:
+        """Return the position of an object's name: below the areas of the object, and within the room."""
+        closed = [outline.points for outline in outlines if outline.closed]
+        points = np.concatenate(closed or [outlines[0].points])
+        low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+        x, y = float(low[0] + high[0]) / 2, float(low[1])
         if thing.path.startswith("wind.") and self.room is not None:
             y = min(max(y, 0.06 * self.room[1]), 0.97 * self.room[1])
             x = min(max(x, 0.08 * self.room[0]), 0.92 * self.room[0])
-        return {"x": x, "y": y, "text": thing.name, "color": theme.INK}
+        return x, y
 
-    def _flows(self, of: Scene) -> dict[str, list[Any]]:
-        """Return arrowheads along the openings through which air comes in (inward) or leaves (outward)."""
-        flows: dict[str, list[Any]] = {key: [] for key in ("x", "y", "angle", "color")}
+    def _flows(self, of: Scene) -> Iterator[tuple[float, float, float, str]]:
+        """Yield arrowheads along the openings through which air comes in (inward) or leaves (outward)."""
         for thing in of.things:
             model: Any = thing.part.model if thing.part is not None else None
-            if (
-                not thing.path.startswith("wind.openings")
-                or model is None
-                or not model.passes
-                or model.normal not in self.plane
-            ):
+            if not thing.path.startswith("wind.openings") or model is None or not model.passes:
                 continue
-            (a, b), room = thing.outlines(self.plane)[0].points, self.room or ()
+            if model.normal not in self.plane:
+                continue
+            (a, b), longest = thing.outlines(self.plane)[0].points, max(of.room or (1.0,))
             inward = -model.direction if model.side else model.direction
-            angle = (
-                (0 if inward > 0 else pi)
-                if self.plane[0] == model.normal
-                else (pi / 2 if inward > 0 else -pi / 2)
-            )
-            count = max(1, min(6, round(float(np.hypot(*(b - a))) / (0.12 * max(room)))))
+            across = self.plane.index(model.normal)  # axis of the plane
+            angle = across * pi / 2 + (0 if inward > 0 else pi)
+            count = max(1, min(6, round(float(np.hypot(*(b - a))) / (0.12 * longest))))
             for n in range(count):
-                x, y = a + (n + 0.5) / count * (b - a)
-                shift = 1.2 * ARROW / 4 * max(room) * inward
-                x, y = (x + shift, y) if self.plane[0] == model.normal else (x, y + shift)
-                for key, part in zip(flows, (x, y, angle - pi / 2, thing.color), strict=True):
-                    flows[key].append(part)
-        return flows
+                at = a + (n + 0.5) / count * (b - a)
+                at[across] += 0.3 * ARROW * longest * inward
+                yield float(at[0]), float(at[1]), angle - pi / 2, thing.color
 
     def show_handles(self, thing: Thing | None) -> None:
         """Draw the handles of an object, or none."""
         handles = thing.handles(self.plane) if thing is not None else {}
-        self.sources["handles"].data = {
-            "x": [x for x, _ in handles.values()],
-            "y": [y for _, y in handles.values()],
-            "name": list(handles),
-            "marker": ["circle" if name in ("center", "turn") else "square" for name in handles],
-        }
+        round_ones = ("center", "turn")
+        self._fill(
+            "handles",
+            ((*at, name, "circle" if name in round_ones else "square") for name, at in handles.items()),
+        )
 
     def sketch(self, points: Sequence[Point]) -> None:
         """Draw the line of an object that is being drawn."""
-        self.sources["sketch"].data = {"x": [x for x, _ in points], "y": [y for _, y in points]}
+        self._fill("sketch", points)
 
     @property
     def pixels(self) -> tuple[float, float]:
@@ -325,52 +273,42 @@ class Canvas:
         self.sight, self._beside = sight, beside
         seen = sight is not None and of is not None and of.room is not None and self.plane in of.planes
         if not seen or sight is None or of is None or of.room is None:
-            for part in ("image", "wind", "headings", "robots", "walkers", "earlier"):
-                source = self.sources[part]
-                source.data = {key: [] for key in source.data}
+            for layer in ("image", "wind", "headings", "robots", "walkers", "earlier"):
+                self._fill(layer)
             self.note.text = ""
             return
         bodies = [thing.part for thing in of.things if isinstance(thing.part, Body)]
-        walkers = [body.outline_at(sight.t, self.plane).points for body in bodies if body.walks]
-        self.sources["walkers"].data = _columns(walkers)
+        self._fill(
+            "walkers", (body.outline_at(sight.t, self.plane).points.T for body in bodies if body.walks)
+        )
         self._show_room(of, present if present is not None else of, name)
         if self.plane == ABOVE:
             self._show_air(sight, picture, of.room)
 
     def _show_room(self, of: Scene, present: Scene, name: str) -> None:
         """Draw what differs between the room of a run and the present one, and say whose gas is seen."""
-        lines = []
-        for thing in of.drawn_otherwise(present):
-            for points, closed in thing.outlines(self.plane):
-                lines.append(np.concatenate([points, points[:1]]) if closed else points)
-        self.sources["earlier"].data = _columns(lines)
+        lines = [
+            np.concatenate([points, points[:1]]) if closed else points
+            for thing in of.drawn_otherwise(present)
+            for points, closed in thing.outlines(self.plane)
+        ]
+        self._fill("earlier", (points.T for points in lines))
         self.note.text = ""
         if of.data != present.data:
             dashed = "; dashed: its room" if lines else ""
             self.note.text = f"Gas, wind and robots: {name}, started before your last changes{dashed}"
 
     def _show_air(self, sight: Instant, picture: Picture | None, room: tuple[float, ...]) -> None:
-        image: dict[str, list[Any]] = {key: [] for key in ("image", "x", "y", "dw", "dh")}
-        if picture is not None:
-            height, width = (n * picture.cell for n in picture.values.shape)
-            image = {"image": [_colors(picture)], "x": [0.0], "y": [0.0], "dw": [width], "dh": [height]}
-        self.sources["image"].data = image
+        height, width = (n * picture.cell for n in picture.values.shape) if picture is not None else (0, 0)
+        self._fill("image", [(_colors(picture), 0.0, 0.0, width, height)] if picture is not None else [])
         x, y, u, v = sight.wind
-        fastest = max(float(np.hypot(u, v).max(initial=0.0)), 1e-9)
-        scale = ARROW * max(room[:2]) / fastest
-        ends = {
-            "x0": x - scale * u / 2,
-            "y0": y - scale * v / 2,
-            "x1": x + scale * u / 2,
-            "y1": y + scale * v / 2,
-        }
-        self.sources["wind"].data = ends
+        half = 0.5 * ARROW * max(room[:2]) / max(float(np.hypot(u, v).max(initial=0.0)), 1e-9)
+        self._fill("wind", np.transpose([x - half * u, y - half * v, x + half * u, y + half * v]))
         x, y, heading = sight.robots
-        colors = [theme.robot(n) for n in range(len(x))]
-        reach = 0.03 * max(room[:2])
-        ends: Mapping[str, Any] = {"x1": x + reach * np.cos(heading), "y1": y + reach * np.sin(heading)}
-        self.sources["headings"].data = {"x0": x, "y0": y, "color": colors, **ends}
-        self.sources["robots"].data = {"x": x, "y": y, "color": colors}
+        colors, reach = [theme.robot(n) for n in range(len(x))], 0.03 * max(room[:2])
+        ends = x + reach * np.cos(heading), y + reach * np.sin(heading)
+        self._fill("headings", zip(x, y, *ends, colors, strict=True))
+        self._fill("robots", zip(x, y, colors, strict=True))
 
     # ---------------------------------------------------------------- pointing
 
@@ -416,37 +354,27 @@ def _colors(picture: Picture) -> np.ndarray:
     return np.ascontiguousarray(pixels).view(np.uint32)[..., 0]
 
 
-def _columns(outlines: Sequence[np.ndarray]) -> dict[str, Any]:
-    return {
-        "xs": [points[:, 0].copy() for points in outlines],
-        "ys": [points[:, 1].copy() for points in outlines],
-    }
-
-
 def _inside(points: np.ndarray, at: Point) -> bool:
     """Return whether a point lies in polygons separated by rows of NaN, by the even-odd rule, as Bokeh fills them."""
-    crossings = 0
-    for a, b in _edges(points, True):
-        if (a[1] > at[1]) != (b[1] > at[1]):
-            crossings += at[0] < a[0] + (at[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
-    return bool(crossings % 2)
+    a, b = _edges(points, True)
+    crossed = (a[:, 1] > at[1]) != (b[:, 1] > at[1])
+    (x, y), (dx, dy) = a[crossed].T, (b - a)[crossed].T
+    return bool(np.count_nonzero(at[0] < x + (at[1] - y) / dy * dx) % 2)
 
 
-def _edges(points: np.ndarray, closed: bool) -> list[tuple[np.ndarray, np.ndarray]]:
+def _edges(points: np.ndarray, closed: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return the starts (n, 2) and ends (n, 2) of the edges of polygons or lines separated by rows of NaN."""
     gaps = np.flatnonzero(np.isnan(points[:, 0]))
-    edges = []
-    for part in np.split(points, gaps):
-        part = part[~np.isnan(part[:, 0])]
-        ends = np.roll(part, -1, axis=0) if closed else part[1:]
-        edges += list(zip(part, ends, strict=False))
-    return edges
+    parts = [part[~np.isnan(part[:, 0])] for part in np.split(points, gaps)]
+    starts = [part if closed else part[:-1] for part in parts]
+    ends = [np.roll(part, -1, axis=0) if closed else part[1:] for part in parts]
+    return np.concatenate(starts), np.concatenate(ends)
 
 
 def _distance(points: np.ndarray, at: Point, closed: bool) -> float:
     """Return the distance of a point from the edges of an outline."""
-    least = np.inf
-    for a, b in _edges(points, closed):
-        along = b - a
-        part = float(np.clip(np.dot(at - a, along) / max(float(np.dot(along, along)), 1e-18), 0.0, 1.0))
-        least = min(least, float(np.hypot(*(a + part * along - at))))
-    return least
+    a, b = _edges(points, closed)
+    along = b - a
+    part = ((at - a) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-18)
+    nearest = a + np.clip(part, 0.0, 1.0)[:, None] * along
+    return float(np.hypot(*(nearest - at).T).min(initial=np.inf))

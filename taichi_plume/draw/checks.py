@@ -7,7 +7,6 @@ from pathlib import Path
 from taichi_plume.assembly.own_code import question
 from taichi_plume.assembly.preparation import load
 from taichi_plume.draw.document import data_of
-from taichi_plume.draw.objects import Scene
 from taichi_plume.guard.yaml_text import LineError
 from taichi_plume.scenario.loading import NEEDS, ScenarioError
 from taichi_plume.scenario.size import amounts, derived, estimate
@@ -27,10 +26,6 @@ class Remark:
         """Path of the key at the start of the line."""
         path = self.line.partition(": ")[0]
         return path if _PATH.fullmatch(path) else ""
-
-    def owner(self, of: Scene) -> str:
-        """Return the path of the object at which the line is shown."""
-        return of.owner(self.path)
 
 
 @dataclass(frozen=True)

@@ -93,12 +93,10 @@ def duplicate(text: str, path: str) -> str:
 
     def copied() -> str:
         *_, (items, _), (item, _) = _chain(text, steps_of(path))
-        source = text[item.start_mark.index : _end(item)]
-        spelling = source if _one_line(item, source) else None
-        if spelling is None and not items.flow_style:
-            start = text.rfind("\n", 0, item.start_mark.index) + 1
-            return _after_line(text, _end(items), text[start : _end(item)])
-        return _add(text, above, value_at(data_of(text), path), spelling)
+        start, end = item.start_mark.index, _end(items.value[-1])
+        if items.flow_style:
+            return f"{text[:end]}, {text[start : _end(item)]}{text[end:]}"
+        return _after_line(text, end, text[text.rfind("\n", 0, start) + 1 : _end(item)])
 
     return _edited(text, expected, copied)
 
@@ -157,10 +155,6 @@ def _end(node: yaml.Node) -> int:
     return node.end_mark.index
 
 
-def _one_line(node: yaml.Node, source: str) -> bool:
-    return isinstance(node, yaml.ScalarNode) or (bool(node.flow_style) and "\n" not in source)
-
-
 def _after_line(text: str, index: int, line: str) -> str:
     """Return the text with a line inserted below the line of a character; comments behind the character stay there."""
     if text[:index].endswith("\n"):
@@ -204,12 +198,11 @@ def _with_key(text: str, node: yaml.MappingNode, key: str, value: str) -> str:
     return _after_line(text, end, " " * node.value[0][0].start_mark.column + f"{key}:{value}")
 
 
-def _add(text: str, path: str, item: object, spelling: str | None = None) -> str:
+def _add(text: str, path: str, item: object) -> str:
     steps = steps_of(path)
     chain = _chain(text, steps)
     node, key = chain[-1]
-    new = flow(item) if spelling is None else spelling
-    missing = steps[len(chain) - 1 :]
+    new, missing = flow(item), steps[len(chain) - 1 :]
     if isinstance(node, yaml.SequenceNode) and node.value and not missing:
         if node.flow_style:
             end = _end(node.value[-1])

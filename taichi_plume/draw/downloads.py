@@ -5,7 +5,7 @@ import shutil
 import tempfile
 import zipfile
 from asyncio import get_running_loop
-from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -40,17 +40,14 @@ class _Files(RequestHandler):
     def initialize(self, workplace: Workplace, access: Access) -> None:
         self.workplace, self.access = workplace, access
 
-    def offer(self, name: str, inline: bool) -> None:
-        """Set the headers of a file by its name; inline: shown in the browser, otherwise downloaded."""
+    async def offer(self, name: str, content: bytes | Path, inline: bool = False) -> None:
+        """Send a file piece by piece; inline: shown in the browser, otherwise downloaded under its name."""
         self.set_header("Content-Type", TYPES[Path(name).suffix])
         self.set_header("Cache-Control", "no-store")
         if not inline:
             self.set_header("Content-Disposition", f"attachment; filename*=UTF-8''{quote(name, safe='')}")
-
-    async def send(self, file: Path) -> None:
-        """Send a file piece by piece."""
-        with open_regular(file) as content:
-            while piece := content.read(PIECE):
+        with BytesIO(content) if isinstance(content, bytes) else open_regular(content) as file:
+            while piece := file.read(PIECE):
                 self.write(piece)
                 await self.flush()
 
@@ -58,39 +55,31 @@ class _Files(RequestHandler):
 class Share(_Files):
     """The text as YAML, or the picture of its room."""
 
-    def get(self, ending: str) -> None:
-        name = self.workplace.file.stem
-        if ending == "yaml":
-            self.offer(f"{name}.yaml", False)
-            self.write(self.workplace.text.encode("utf-8"))
-            return
+    async def get(self, ending: str) -> None:
         try:
-            content = picture(self.workplace)
+            content = self.workplace.text.encode("utf-8") if ending == "yaml" else picture(self.workplace)
         except InputError as error:
             raise HTTPError(409, reason="the scenario has errors") from error
-        self.offer(f"{name}.png", False)
-        self.write(content)
+        await self.offer(f"{self.workplace.file.stem}.{ending}", content)
 
 
 class OfRun(_Files):
     """Report, recording, or ZIP of all files of a run."""
 
     async def get(self, number: str, name: str) -> None:
-        run = self.workplace.runs.run(int(number))
+        run = self.workplace.run_of(int(number))
         if run is None:
             raise HTTPError(404)
         if name == "run.zip":
             if run.alive:
                 raise HTTPError(409, reason="the run has not ended")
-            self.offer(f"{run.folder.name}.zip", False)
             with tempfile.TemporaryDirectory() as folder:
-                await self.send(zipped(run.folder, Path(folder) / "run.zip"))
+                await self.offer(f"{run.folder.name}.zip", zipped(run.folder, Path(folder) / name))
             return
         file = run.folder / name
         if not file.is_file() or file.is_symlink():
             raise HTTPError(404)
-        self.offer(name, True)
-        await self.send(file)
+        await self.offer(name, file, inline=True)
 
 
 class Viewer(_Files):
@@ -105,8 +94,7 @@ class Viewer(_Files):
             return
         if not _viewer:
             _viewer.update(await get_running_loop().run_in_executor(None, web_viewer_files))
-        self.offer(name or "index.html", True)
-        self.write(_viewer[name or "index.html"])
+        await self.offer(name or "index.html", _viewer[name or "index.html"], inline=True)
 
 
 def picture(workplace: Workplace) -> bytes:
@@ -122,21 +110,14 @@ def picture(workplace: Workplace) -> bytes:
 def zipped(folder: Path, target: Path) -> Path:
     """Write a ZIP of the regular files of a run, without links, and return its path."""
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
-        for file in sorted(_below(files_in(folder))):
-            name = zipfile.ZipInfo.from_file(file, Path(folder.name) / file.relative_to(folder))
-            name.compress_type = zipfile.ZIP_DEFLATED
-            with open_regular(file) as content, archive.open(name, "w") as packed:
-                shutil.copyfileobj(content, packed, PIECE)
+        entries = [entry for entry in files_in(folder) if not entry.is_symlink()]
+        for file in sorted(file for entry in entries for file in (entry, *entry.rglob("*"))):
+            if file.is_file() and not file.is_symlink():
+                name = zipfile.ZipInfo.from_file(file, Path(folder.name) / file.relative_to(folder))
+                name.compress_type = zipfile.ZIP_DEFLATED
+                with open_regular(file) as content, archive.open(name, "w") as packed:
+                    shutil.copyfileobj(content, packed, PIECE)
     return target
-
-
-def _below(entries: Sequence[Path]) -> list[Path]:
-    files: list[Path] = []
-    for entry in entries:
-        if entry.is_symlink() or not (entry.is_dir() or entry.is_file()):
-            continue
-        files += _below(sorted(entry.iterdir())) if entry.is_dir() else [entry]
-    return files
 
 
 def patterns(workplace: Workplace, access: Access) -> list[Any]:

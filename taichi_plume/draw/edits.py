@@ -1,6 +1,6 @@
 """Edits by a pointer: move, turn, resize, copy, delete and create objects; each returns the new text.
 
-All raise EditError if the text cannot be edited so.
+All raise EditError if the text cannot be edited so, and LineError if it is no YAML.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ from taichi_plume.draw.document import (
 from taichi_plume.draw.objects import Scene, scene
 from taichi_plume.draw.parts import Plane, Point, Values, nearest_wall, pair
 from taichi_plume.draw.quantities import differences, number, plain
-from taichi_plume.guard.yaml_text import LineError
+from taichi_plume.scenario.changes import Data
 
 BESIDE = 0.2  # m from an object to its copy, along x and y
 LEAST = 0.05  # m: a shorter drag is a click
@@ -59,18 +59,10 @@ def with_values(text: str, path: str, values: Values) -> str:
     """Return the text with new values [SI] of keys of a section, each spelled as the old one where it changed."""
     for key, new in values.items():
         whole = f"{path}.{key}"
-        old = value_at(scene_data(text), whole)
+        old = value_at(data_of(text), whole)
         for where, value in differences(whole, old, new):
             text = set_value(text, where, value)
     return text
-
-
-def scene_data(text: str) -> Any:
-    """Return the keys and values of a text. Raises EditError."""
-    try:
-        return data_of(text)
-    except LineError as fault:
-        raise EditError(str(fault)) from None
 
 
 def move_handle(text: str, of: Scene, path: str, handle: str, plane: Plane, to: Point) -> str:
@@ -93,10 +85,10 @@ def shift(text: str, of: Scene, path: str, by: Sequence[float]) -> str:
 def turn(text: str, path: str, by: float) -> str:
     """Return the text once a box, a mesh, or the heading of robots has been turned by an angle [degrees]."""
     key = f"{path}.start.heading_deg" if path.startswith("robots[") else f"{path}.yaw_deg"
-    kind = value_at(scene_data(text), f"{path}.kind")
+    kind = value_at(data_of(text), f"{path}.kind")
     if not path.startswith("robots[") and kind not in ("box", "mesh"):
         raise EditError(f"{path or 'the scenario'}: only boxes, meshes and robots can be turned")
-    angle = value_at(scene_data(text), key) or 0
+    angle = value_at(data_of(text), key) or 0
     if not isinstance(angle, int | float):
         raise EditError(f"{key}: got {angle}; must be a number")
     return set_value(text, key, number((angle + by + 180) % 360 - 180))
@@ -108,8 +100,8 @@ def copy(text: str, path: str, folder: Path) -> tuple[str, str]:
     if not last.isdecimal():
         raise EditError(f"{path or 'the scenario'}: cannot be copied")
     new = duplicate(text, path)
-    copied = f"{above}[{len(value_at(scene_data(new), above)) - 1}]"
-    name = value_at(scene_data(new), f"{copied}.name")
+    copied = f"{above}[{len(value_at(data_of(new), above)) - 1}]"
+    name = value_at(data_of(new), f"{copied}.name")
     if isinstance(name, str) or above == "robots":
         stem = name if isinstance(name, str) and name else "robots"
         new = set_value(new, f"{copied}.name", _free_name(new, above, stem))
@@ -128,7 +120,7 @@ def remove(text: str, path: str) -> str:
 
 
 def _free_name(text: str, path: str, name: str) -> str:
-    items = value_at(scene_data(text), path) or []
+    items = value_at(data_of(text), path) or []
     taken = [item.get("name") for item in items if isinstance(item, dict)]
     stem = name.rstrip("0123456789") or "robots"
     return next(f"{stem}{n}" for n in range(2, len(items) + 3) if f"{stem}{n}" not in taken)
@@ -177,20 +169,17 @@ def create(
         raise EditError("domain: is missing or has mistakes; without a room nothing can be drawn")
     if kind not in KINDS:
         raise EditError(f"no kind '{kind}'")
-    if kind in ("mesh", "map") and not file:
-        raise EditError(f"{kind}: there is no such file beside the scenario")
     points = [pair(point) for point in points]
     a, b = points[0], points[-1]
-    if kind == "robots" and value_at(scene_data(text), f"{selected}.start.kind") == "positions":
+    if kind == "robots" and value_at(data_of(text), f"{selected}.start.kind") == "positions":
         text = add(text, f"{selected}.start.positions", plain(list(a)))
-        return set_value(
-            text, f"{selected}.count", len(value_at(scene_data(text), f"{selected}.start.positions"))
-        ), selected
+        count = len(value_at(data_of(text), f"{selected}.start.positions"))
+        return set_value(text, f"{selected}.count", count), selected
     if kind == "arena":
         return set_value(text, "arena", plain(_box_of(a, b))), "arena"
-    path, item = _item(text, of, kind, points, a, b, of.room, file)
+    path, item = _item(text, kind, points, of.room, file)
     new = add(text, path, plain(item))
-    return new, f"{path}[{len(value_at(scene_data(new), path)) - 1}]"
+    return new, f"{path}[{len(value_at(data_of(new), path)) - 1}]"
 
 
 def _box_of(a: Point, b: Point) -> dict[str, list[float]]:
@@ -200,64 +189,64 @@ def _box_of(a: Point, b: Point) -> dict[str, list[float]]:
 
 
 def _item(
-    text: str,
-    of: Scene,
-    kind: str,
-    points: Sequence[Point],
-    a: Point,
-    b: Point,
-    room: tuple[float, ...],
-    file: str,
+    text: str, kind: str, points: Sequence[Point], room: tuple[float, ...], file: str
 ) -> tuple[str, dict[str, Any]]:
     """Return the path of the list and the keys of a new object."""
-    far = hypot(b[0] - a[0], b[1] - a[1])
-    flat = len(room) == 2
+    data, a, b = data_of(text), points[0], points[-1]
+    far, flat = hypot(b[0] - a[0], b[1] - a[1]), len(room) == 2
     low = [] if flat else [min(0.25, room[2] / 2)]  # a height above the floor
     if kind in ("inlet", "outlet", "honeycomb", "fan"):
-        if value_at(scene_data(text), "wind.kind") != "cfd":
+        if value_at(data, "wind.kind") != "cfd":
             raise EditError("wind.kind: openings take a computed wind, kind: cfd")
         return "wind.openings", _opening(kind, a, b, room)
-    if kind == "box":
-        corners = _box_of(a, b)
-        size = [high - low_ for low_, high in zip(corners["low"], corners["high"], strict=True)]
-        middle = [(high + low_) / 2 for low_, high in zip(corners["low"], corners["high"], strict=True)]
-        height = [] if flat else [min(0.5, room[2])]
-        return "obstacles", {"kind": kind, "center": middle + [h / 2 for h in height], "size": size + height}
-    radius = far if far >= LEAST else 0.05 * min(room[:2])
-    if kind == "cylinder":
-        return "obstacles", {"kind": kind, "center": [*a], "radius": radius}
-    if kind == "sphere":
-        return "obstacles", {"kind": kind, "center": [*a, *([] if flat else [radius])], "radius": radius}
-    if kind == "polygon":
-        if len(points) < 3:
-            raise EditError("a polygon takes three corners or more")
-        return "obstacles", {"kind": "prism", "vertices": [[*point] for point in points]}
-    if kind == "mesh":
-        return "obstacles", {"kind": kind, "file": file, "translate": [*a, 0.0]}
-    if kind == "map":
-        return "obstacles", {"kind": kind, "file": file}
-    if kind == "walker":
-        return "obstacles", _walker(points)
     if kind == "heater":
-        if flat and value_at(scene_data(text), "wind.buoyancy.gravity") is None:
+        if flat and value_at(data, "wind.buoyancy.gravity") is None:
             raise EditError("domain.size: a heater takes a third number, the height: its warm air rises")
         return "wind.buoyancy.heat.heaters", {"position": [*a, *low], "power": "50 W"}
     if kind == "source":
-        return _list_of_sources(text), {"position": [*a, *low], "rate": "10 mg/s", "radius": "5 cm"}
+        return _list_of_sources(data), {"position": [*a, *low], "rate": "10 mg/s", "radius": "5 cm"}
     if kind in ("probe", "probe line"):
-        probe = {"kind": "point", "at": [*a, *low]}
-        if kind == "probe line":
-            probe = {"kind": "line", "start": [*a, *low], "end": [*b, *low], "count": 10}
-        taken = len(value_at(scene_data(text), "probes.points") or [])
-        return "probes.points", {"name": f"p{taken + 1}", **probe}
+        ends = {"kind": "line", "start": [*a, *low], "end": [*b, *low], "count": 10}
+        place = ends if kind == "probe line" else {"kind": "point", "at": [*a, *low]}
+        return "probes.points", {"name": f"p{len(value_at(data, 'probes.points') or []) + 1}", **place}
     starts: dict[str, dict[str, Any]] = {
         "robots": {"kind": "positions", "positions": [[*a]]},
         "robot line": {"kind": "line", "begin": [*a], "end": [*b] if far >= LEAST else [a[0], a[1] + 1.0]},
         "robot area": {"kind": "area", **_box_of(a, b)},
     }
-    items = value_at(scene_data(text), "robots") or []
-    name = _free_name(text, "robots", "team") if items else "team"
-    return "robots", {"name": name, "count": 1 if kind == "robots" else 2, "start": starts[kind], **_ROBOT}
+    if kind in starts:
+        name = _free_name(text, "robots", "team") if value_at(data, "robots") else "team"
+        return "robots", {
+            "name": name,
+            "count": 1 if kind == "robots" else 2,
+            "start": starts[kind],
+            **_ROBOT,
+        }
+    return "obstacles", _obstacle(kind, points, far if far >= LEAST else 0.05 * min(room[:2]), room, file)
+
+
+def _obstacle(
+    kind: str, points: Sequence[Point], radius: float, room: tuple[float, ...], file: str
+) -> dict[str, Any]:
+    """Return the keys of an obstacle; radius: of a round one [m]."""
+    a, flat = points[0], len(room) == 2
+    if kind in ("mesh", "map"):
+        if not file:
+            raise EditError(f"{kind}: there is no such file beside the scenario")
+        return {"kind": kind, "file": file, **({"translate": [*a, 0.0]} if kind == "mesh" else {})}
+    if kind == "box":
+        low, high = (np.array(end) for end in _box_of(a, points[-1]).values())
+        height = [] if flat else [min(0.5, room[2])]
+        middle = [*((low + high) / 2).tolist(), *(h / 2 for h in height)]
+        return {"kind": kind, "center": middle, "size": [*(high - low).tolist(), *height]}
+    if kind == "polygon":
+        if len(points) < 3:
+            raise EditError("a polygon takes three corners or more")
+        return {"kind": "prism", "vertices": [[*point] for point in points]}
+    if kind == "walker":
+        return _walker(points)
+    height = [] if flat or kind == "cylinder" else [radius]
+    return {"kind": kind, "center": [*a, *height], "radius": radius}
 
 
 def _opening(kind: str, a: Point, b: Point, room: tuple[float, ...]) -> dict[str, Any]:
@@ -270,15 +259,11 @@ def _opening(kind: str, a: Point, b: Point, room: tuple[float, ...]) -> dict[str
     low, high = max(low, 0.0), min(high, room[axis])
     if high - low < LEAST:
         raise EditError("an opening lies on a wall: drag along the wall")
-    flat = len(room) == 2
-    opening: dict[str, Any] = {"kind": kind, "face": face, "center": [(low + high) / 2]}
-    if kind == "fan":
-        width = high - low if flat else min(high - low, room[2])
-        opening |= {"center": opening["center"] + ([] if flat else [room[2] / 2]), "diameter": width}
-    else:
-        opening["center"] += [] if flat else [room[2] / 2]
-        opening["size"] = [high - low] + ([] if flat else [room[2]])
-    return opening | ({} if kind == "outlet" else {"speed": "0.5 m/s"})
+    height = room[2:]
+    middle = [(low + high) / 2, *(h / 2 for h in height)]
+    size = {"diameter": min((high - low, *height))} if kind == "fan" else {"size": [high - low, *height]}
+    speed = {} if kind == "outlet" else {"speed": "0.5 m/s"}
+    return {"kind": kind, "face": face, "center": middle, **size, **speed}
 
 
 def _walker(points: Sequence[Point]) -> dict[str, Any]:
@@ -293,10 +278,7 @@ def _walker(points: Sequence[Point]) -> dict[str, Any]:
     return {"kind": "cylinder", "center": [*points[0]], "radius": 0.2, "motion": {"path": path, "loop": True}}
 
 
-def _list_of_sources(text: str) -> str:
-    gas = value_at(scene_data(text), "gas")
-    if isinstance(gas, dict) and isinstance(gas.get("parts"), list) and gas["parts"]:
-        return "gas.parts[0].sources"
-    if isinstance(gas, dict) and gas.get("kind") == "gaussian_puff":
+def _list_of_sources(data: Data) -> str:
+    if value_at(data, "gas.kind") == "gaussian_puff":
         raise EditError("gas.releases: a puff takes a time and a mass; add it in the text")
-    return "gas.sources"
+    return "gas.parts[0].sources" if value_at(data, "gas.parts[0]") else "gas.sources"

@@ -1,8 +1,8 @@
 """The form of a section as widgets of Bokeh: every key with its unit, default and explanation."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bokeh.layouts import column, row
 from bokeh.models import Button, Div, Select, TextInput
@@ -11,9 +11,11 @@ from bokeh.models.ui import Tooltip
 
 from taichi_plume.draw import forms
 from taichi_plume.draw.checks import Remark
-from taichi_plume.draw.document import EditError, data_of, parent_of, value_at
+from taichi_plume.draw.document import data_of, parent_of, value_at
 from taichi_plume.draw.objects import Scene
-from taichi_plume.guard.yaml_text import LineError
+
+if TYPE_CHECKING:
+    from taichi_plume.draw.page import Page
 
 WIDTH = 400
 COMPACT = """
@@ -25,15 +27,14 @@ label { color: #5d6875; font-size: 12px; padding-right: 4px; }
 
 
 class FormPanel:
-    """Widgets of the section at a path. put: takes a new text; choose: selects a path; say: shows a message."""
+    """Widgets of the chosen section of a page."""
 
-    def __init__(self, put: Callable[[str], None], choose: Callable[[str], None], say: Callable[[str], None]):
-        self._put, self._choose, self._say = put, choose, say
-        self.text, self.path, self.keys = "", "", ()
+    def __init__(self, page: "Page"):
+        self.page, self.keys = page, ()
         self.widgets: dict[str, Any] = {}
         self._setting = False
         self.sections = Select(width=WIDTH - 70, name="sections", stylesheets=[COMPACT])
-        self.sections.on_change("value", lambda _attr, _old, new: self._section_chosen(new))
+        self.sections.on_change("value", lambda _attr, _old, new: None if self._setting else page.choose(new))
         self.back = Button(label="‹ back", width=60, stylesheets=[COMPACT])
         self.back.on_click(self._go_back)
         self.purpose = Div(width=WIDTH)
@@ -47,21 +48,15 @@ class FormPanel:
         """Return whether there is a section at a path, given or with its defaults."""
         return not path or value_at(data, path) is not None or bool(forms.rows(data, path))
 
-    def _section_chosen(self, path: str) -> None:
-        if not self._setting:
-            self._choose(path)
-
     def _go_back(self) -> None:
-        above = self.path
-        while above:
+        """Choose the section around the chosen one; lists are no sections."""
+        above = parent_of(self.page.chosen)[0]
+        while isinstance(value_at(self.page.scene.data, above), list):
             above = parent_of(above)[0]
-            if not above or not isinstance(value_at(data_of(self.text), above), list):
-                break
-        self._choose(above)
+        self.page.choose(above)
 
     def show(self, of: Scene, path: str, remarks: Sequence[Remark]) -> None:
         """Show the section at a path."""
-        self.text = of.text
         found = forms.rows(of.data, path)
         keys = (path, *sorted((entry.key, entry.choices) for entry in found))
         self._setting = True
@@ -78,7 +73,7 @@ class FormPanel:
             self.purpose.text = f"<p style='color:#5d6875'>{escape(forms.title(of.data, path))}</p>{words}"
             self.back.visible = bool(path)
             if keys != self.keys:
-                self.path, self.keys = path, keys
+                self.keys = keys
                 self.widgets = {entry.path: self._widget(entry) for entry in found}
                 self.rows.children = [self._line(entry) for entry in found]
             for entry in found:
@@ -107,27 +102,21 @@ class FormPanel:
         else:
             placeholder = f"{entry.default}" if entry.default else "has to be given"
             widget = TextInput(value=entry.value, placeholder=placeholder, **common)
-        widget.on_change("value", self._callback(entry.path))
+        widget.on_change("value", lambda _attr, _old, new: self._entered(entry.path, new))
         return widget
-
-    def _callback(self, path: str) -> Callable[[str, object, str], None]:
-        return lambda _attr, _old, new: self._entered(path, new)
 
     def _line(self, entry: forms.Row) -> Any:
         widget = self.widgets[entry.path]
         if not entry.is_section:
             return widget
         button = Button(label="open ›", width=60, align="end", stylesheets=[COMPACT], margin=(1, 5, 1, 5))
-        button.on_click(lambda: self._choose(entry.path))
+        button.on_click(lambda: self.page.choose(entry.path))
         return row(widget, button)
 
     def _entered(self, path: str, entry: str) -> None:
-        if self._setting:
-            return
-        try:
-            self._put(forms.entered(self.text, data_of(self.text), path, entry))
-        except (EditError, LineError) as error:
-            self._say(str(error))
+        text = self.page.workplace.text
+        if not self._setting:
+            self.page.edit(lambda: forms.entered(text, data_of(text), path, entry))
 
 
 def _within(inner: str, path: str) -> bool:

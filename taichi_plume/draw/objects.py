@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -18,9 +18,9 @@ from taichi_plume.draw.parts import (
     Part,
     Plane,
     Point,
+    Points,
     Rectangle,
     Room,
-    Spot,
     Values,
     Wrapped,
     probe_part,
@@ -32,7 +32,7 @@ from taichi_plume.guard.safe_open import admit, gate
 from taichi_plume.guard.yaml_text import LineError
 from taichi_plume.report import theme
 from taichi_plume.report.theme import ABOVE, SIDE
-from taichi_plume.scenario.changes import Data, changed, steps_of
+from taichi_plume.scenario.changes import Data, changed
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.key_facts import models_in, own_kind
 from taichi_plume.scenario.robots import Group
@@ -77,11 +77,10 @@ class Thing:
         """Return the handles in a plane by their names."""
         return self.part.handles(plane) if self.part else {}
 
-    @property
-    def place(self) -> Point | None:
-        """Position for a label or a number, from above."""
-        handles = self.handles(ABOVE)
-        return handles.get("center") or next(iter(handles.values()), None) or self.mark
+    def place(self, plane: Plane = ABOVE) -> Point | None:
+        """Return the position of a number in a plane."""
+        handles = self.handles(plane)
+        return handles.get("center") or next(iter(handles.values()), self.mark if plane == ABOVE else None)
 
 
 @dataclass(frozen=True)
@@ -217,38 +216,22 @@ def model_at(data: Mapping[str, Any], path: str) -> type[Model] | None:
         default = owner.model_fields[key].default if owner is not None and key in owner.model_fields else None
         if isinstance(default, Model):
             return type(default)
-    return _of_kind(classes_at(data, path), values)
+    classes, kind = classes_at(data, path), values.get("kind") if isinstance(values, Mapping) else None
+    of_kind = [model for model in classes if isinstance(kind, str) and own_kind(model) == kind]
+    return of_kind[-1] if of_kind else classes[0] if len(classes) == 1 else None
 
 
 def classes_at(data: Mapping[str, Any], path: str) -> list[type[Model]]:
     """Return the classes that the section at a path may have, by the kinds of the sections around it."""
-    classes: list[type[Model]] = [Scenario]
-    place: Any = data
-    where = ""
-    for step in steps_of(path) if path else ():
-        if step.isdecimal():
-            place = place[int(step)] if isinstance(place, list) and int(step) < len(place) else None
-            where = f"{where}[{step}]"
-            continue
-        model = _of_kind(classes, place) if place is not None else model_at(data, where)
-        where = f"{where}.{step}".lstrip(".")
-        if model is None or step not in model.model_fields:
-            return []
-        classes = list(dict.fromkeys(part for part, _ in models_in(model.model_fields[step])))
-        place = place.get(step) if isinstance(place, dict) else None
-    return classes
-
-
-def _of_kind(classes: Sequence[type[Model]], values: Any) -> type[Model] | None:
-    kind = values.get("kind") if isinstance(values, Mapping) else None
-    kinds = {own_kind(model): model for model in classes}
-    return (
-        kinds.get(kind)
-        if isinstance(kind, str) and kind in kinds
-        else classes[0]
-        if len(classes) == 1
-        else None
-    )
+    if not path:
+        return [Scenario]
+    above, key = parent_of(path)
+    if key.isdecimal():
+        return classes_at(data, above)
+    owner = model_at(data, above)
+    if owner is None or key not in owner.model_fields:
+        return []
+    return list(dict.fromkeys(part for part, _ in models_in(owner.model_fields[key])))
 
 
 def names(data: Mapping[str, Any]) -> dict[str, str]:
@@ -371,7 +354,7 @@ def _part(
         if vars(model).get("kind") == "periodic":
             return Wrapped(model, room)
         return Pane(model, room) if model.normal < len(room) else None
-    return Spot(model, room)
+    return Points(model, room, ("position",))
 
 
 def shape_of(model: Any, room: tuple[float, ...], folder: Path) -> Shape:

@@ -3,7 +3,8 @@
 A page holds no scenario: pointer and form edit the text, and the text's change redraws all pages of the server.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from functools import partial
 from html import escape
 from typing import Any
 
@@ -15,8 +16,6 @@ from bokeh.models import (
     CustomJS,
     Div,
     InlineStyleSheet,
-    RadioButtonGroup,
-    Select,
     TabPanel,
     Tabs,
     TextAreaInput,
@@ -25,13 +24,14 @@ from bokeh.models import (
 
 from taichi_plume.draw import edits
 from taichi_plume.draw.canvas import UNLIKELY, WRONG, Canvas
-from taichi_plume.draw.checks import Remark
+from taichi_plume.draw.checks import Findings
 from taichi_plume.draw.drafts import Draft
 from taichi_plume.draw.form_panel import FormPanel
-from taichi_plume.draw.pointer import STEPS, Pointer
+from taichi_plume.draw.pointer import Pointer
 from taichi_plume.draw.run_panel import RunPanel
 from taichi_plume.draw.workplace import FileChangedError, Workplace
 from taichi_plume.guard.input_error import InputError
+from taichi_plume.guard.yaml_text import LineError
 from taichi_plume.report.theme import ABOVE, SIDE
 
 STYLE = """
@@ -48,7 +48,7 @@ ONE_LINE: dict[str, str | None] = {
     "overflow": "hidden",
     "text-overflow": "ellipsis",
 }
-GAP = 10  # ms between the turns of pages, in which the server reads what users do
+GAP = 30  # ms from one page that follows to the next, in which the server reads what users do
 HIDDEN = "hidden"  # `document.visibilityState` of a tab in the background
 ABOUT_NAME = "Another name saves the text as a new file"
 SCRIPT = """
@@ -73,15 +73,14 @@ tell()
 """The only script of the page: slow drags are drags; keys, and whether the tab is seen, go to hidden inputs."""
 
 
-class Page(Pointer):
+class Page:
     """The page of one browser tab. document: of Bokeh; workplace: shared by all tabs.
 
-    The page in which a user acts shows the result first. The others follow one by one, so that further actions need not
-    wait for all of them; a tab in the background follows once it is seen again.
+    The page in which a user acts shows the result first, the others follow one by one; a tab in the background follows
+    once it is seen again.
     """
 
     def __init__(self, document: Document, workplace: Workplace):
-        super().__init__()
         self.document, self.workplace = document, workplace
         self.chosen, self.scene = "", workplace.scene
         self._due: list[Callable[[], None]] = []
@@ -89,61 +88,25 @@ class Page(Pointer):
         self._left: Draft | None = None  # the draft that the standing question is about
         self._said = workplace.drafts.unreadable
         self.canvases = {ABOVE: Canvas(ABOVE), SIDE: Canvas(SIDE)}
-        self.form = FormPanel(self.put, self.choose, self.say)
-        self.runs = RunPanel(workplace, self.ask, self.say, self.look)
-        for canvas in self.canvases.values():
-            self.listen(canvas)  # before it joins the document: Bokeh learns of callbacks then
+        self.form, self.runs = FormPanel(self), RunPanel(self)
         self._build()
-        self._tool_changed()
         self.refresh()
         document.add_root(self.layout)  # complete: Bokeh would search the whole page again after each change
-        workplace.listeners.append(self._changed)
-        workplace.watchers.append(self._watched)
+        workplace.pages.append(self)
         document.on_session_destroyed(lambda _: self.leave())
 
     def leave(self) -> None:
         """Forget the page: its tab has been closed. Runs go on."""
-        work = self.workplace
-        if self._changed in work.listeners:
-            work.listeners.remove(self._changed)
-            work.watchers.remove(self._watched)
-        if self in work.queue:
-            first = work.queue[0] is self
-            work.queue.remove(self)
-            if first:
-                self._next()
+        if self in self.workplace.pages:
+            self.workplace.pages.remove(self)
 
-    def _changed(self) -> None:
-        self._soon(self.refresh)
-
-    def _watched(self) -> None:
-        self._soon(self.look)
-
-    def _soon(self, work: Callable[[], None]) -> None:
-        """Do some work, once, in this page's turn or, in the background, when the tab is seen again."""
+    def follow(self, runs_alone: bool = False) -> None:
+        """Show changes of the workplace soon, those of many together; runs_alone: the text has not changed."""
+        is_first, work = not self._due, self.look if runs_alone else self.refresh
         if work not in self._due:
             self._due.append(work)
-        if self.seen.value != HIDDEN and self not in self.workplace.queue:
-            self.workplace.queue.append(self)
-            if len(self.workplace.queue) == 1:
-                self._next()
-
-    def _next(self) -> None:
-        """Let the first page of the queue have its turn."""
-        queue = self.workplace.queue
-        if queue:
-            queue[0].document.add_timeout_callback(queue[0]._have_turn, GAP)
-
-    def _have_turn(self) -> None:
-        queue = self.workplace.queue
-        try:
-            self._catch_up()
-        finally:
-            if queue and queue[0] is self:
-                del queue[0]
-                if self._due:
-                    queue.append(self)
-                self._next()
+        if is_first and self.seen.value != HIDDEN:
+            self.document.add_timeout_callback(self._catch_up, GAP * (1 + self.workplace.pages.index(self)))
 
     def _catch_up(self) -> None:
         due, self._due = self._due, []
@@ -158,6 +121,7 @@ class Page(Pointer):
 
     def _build(self) -> None:
         sheet = InlineStyleSheet(css=STYLE)
+        self.pointer = Pointer(self, sheet)
         self.name = TextInput(width=170, name="file", stylesheets=[sheet], description=ABOUT_NAME)
         self.name.on_change("value", lambda _attr, _old, new: self._renamed(new))
         self.title = Div(styles={"color": "#7b8794"}, sizing_mode="stretch_width", align="center")
@@ -168,68 +132,45 @@ class Page(Pointer):
             self._button("⟳ 15°", lambda: self._turn(-15), 60),
             self._button("Delete", self._delete, 70),
         ]
-        self.step = Select(options=list(STEPS), value="5 cm", width=80)
-        grid = row(Div(text="grid", align="center"), self.step)
-        save = self._button("Save", self.save, 70)
-        run = Button(label="▶ Run", width=90, button_type="success", name="run", stylesheets=[sheet])
-        run.on_click(self._run)
-        share = Div(
-            text='<a href="share/room.yaml">YAML</a> &nbsp; <a href="share/room.png" target="_blank">picture</a>',
-            align="center",
+        run = self._button("▶ Run", self._run, 90)
+        run.update(button_type="success", name="run")
+        links = (
+            '<a href="share/room.yaml">YAML</a> &nbsp; <a href="share/room.png" target="_blank">picture</a>'
         )
-        fit = self._button("Whole room", self._fit, 95)
         bar = row(
-            self.name,
-            self.title,
-            self.undo,
-            self.redo,
-            *self.tools,
-            grid,
-            fit,
-            save,
-            share,
-            run,
-            sizing_mode="stretch_width",
-            styles={"flex-wrap": "wrap"},  # in a narrow window
-        )
-        self.palette = RadioButtonGroup(
-            labels=["select", *edits.KINDS], active=0, orientation="vertical", width=110, stylesheets=[sheet]
-        )
-        self.palette.on_change("active", lambda _attr, _old, _new: self._tool_changed())
-        self.file = Select(title="file", width=110, visible=False)
+            self.name, self.title, self.undo, self.redo, *self.tools,
+            row(Div(text="grid", align="center"), self.pointer.step),
+            self._button("Whole room", self._fit, 95), self._button("Save", lambda: self.save(), 70),
+            Div(text=links, align="center"), run,
+            sizing_mode="stretch_width", styles={"flex-wrap": "wrap"},  # in a narrow window
+        )  # fmt: skip
         # of fixed heights: if the views changed their size with each line of text, a drag would miss its aim
         self.hint = Div(styles=ONE_LINE, sizing_mode="stretch_width", height=18, name="hint")
-        self.size = Div(
-            styles={"color": "#5d6875", "overflow-y": "auto"},
-            sizing_mode="stretch_width",
-            height=36,
-            name="size",
-        )
-        self.banner = Div(sizing_mode="stretch_width")
-        self.yes, self.no = self._button("Yes", self._yes, 60), self._button("No", self._no, 60)
-        self.question = row(self.banner, self.yes, self.no, visible=False, sizing_mode="stretch_width")
-        self.question.styles = {"background": "#fff4d6", "padding": "6px", "border-radius": "4px"}
-        self.canvases[SIDE].figure.update(height=190, sizing_mode="stretch_width")
+        size_style: Any = {"color": "#5d6875", "overflow-y": "auto"}
+        self.size = Div(styles=size_style, sizing_mode="stretch_width", height=36, name="size")
         self.message = Div(styles={"color": WRONG}, sizing_mode="stretch_width", height=18, name="message")
+        self.banner = Div(sizing_mode="stretch_width")
+        answers = self._button("Yes", self._yes, 60), self._button("No", self._no, 60)
+        self.question = row(self.banner, *answers, visible=False, sizing_mode="stretch_width")
+        self.question.styles = {"background": "#fff4d6", "padding": "6px", "border-radius": "4px"}
+        above, side = self.canvases[ABOVE].figure, self.canvases[SIDE].figure
+        side.update(height=190, sizing_mode="stretch_width")
         views = column(
-            self.question, self.message, self.canvases[ABOVE].figure, self.canvases[SIDE].figure, self.hint, self.size,
-            sizing_mode="stretch_both",
-        )  # fmt: skip
+            self.question, self.message, above, side, self.hint, self.size, sizing_mode="stretch_both"
+        )
         self.text = TextAreaInput(
             max_length=None, sizing_mode="stretch_both", name="yaml",  # type: ignore[arg-type]
             stylesheets=[sheet, InlineStyleSheet(css=TEXT_STYLE)],
         )  # fmt: skip
         self.text.on_change("value_input", lambda _attr, _old, new: self._typed(new))
         self.remarks = Div(sizing_mode="stretch_width", name="remarks")
+        contents = {
+            "Form": self.form.layout, "YAML": self.text,
+            "Remarks": column(self.remarks, sizing_mode="stretch_both"),
+            "Runs": self.runs.layout, "Report": self.runs.report, "Recording": self.runs.recording,
+        }  # fmt: skip
         self.tabs = Tabs(
-            tabs=[
-                TabPanel(child=self.form.layout, title="Form"),
-                TabPanel(child=self.text, title="YAML"),
-                TabPanel(child=column(self.remarks, sizing_mode="stretch_both"), title="Remarks"),
-                TabPanel(child=self.runs.layout, title="Runs"),
-                TabPanel(child=self.runs.report, title="Report"),
-                TabPanel(child=self.runs.recording, title="Recording"),
-            ],
+            tabs=[TabPanel(child=child, title=title) for title, child in contents.items()],
             width=430, sizing_mode="stretch_height", stylesheets=[sheet], styles={"max-width": "60vw"},
         )  # fmt: skip
         self.tabs.on_change("active", lambda _attr, _old, new: self._tab(new))
@@ -239,7 +180,8 @@ class Page(Pointer):
         self.seen.on_change("value", lambda _attr, _old, _new: self._seen())
         inputs = {"keys": self.keys, "seen": self.seen}
         self.document.js_on_event(DocumentReady, CustomJS(args=inputs, code=SCRIPT))
-        body = row(column(self.palette, self.file), views, self.tabs, sizing_mode="stretch_both")
+        palette = column(self.pointer.palette, self.pointer.file)
+        body = row(palette, views, self.tabs, sizing_mode="stretch_both")
         self.layout = column(bar, body, self.keys, self.seen, sizing_mode="stretch_both", stylesheets=[sheet])
 
     def _button(self, label: str, work: Callable[[], Any], width: int) -> Button:
@@ -255,9 +197,7 @@ class Page(Pointer):
         self.scene = work.scene
         if self.chosen and not self.form.exists(self.scene.data, self.chosen):
             self.chosen = ""
-        if (
-            self.text.value_input != work.text
-        ):  # it is what a user types; `value` follows once the text area is left
+        if self.text.value_input != work.text:  # what a user types; `value` follows once the area is left
             self.text.update(value=work.text, value_input=work.text)
         self.undo.disabled, self.redo.disabled = not work.history.can_undo, not work.history.can_redo
         for tool in self.tools:
@@ -266,53 +206,39 @@ class Page(Pointer):
         self.title.text = "" if work.saved else "not saved"
         self.canvases[SIDE].figure.visible = SIDE in self.scene.planes
         self._show_remarks()
-        self.form.show(self.scene, self.chosen, self.shown_remarks)
         self._banner()
         self._show_message()
         self.look()
 
-    @property
-    def shown_remarks(self) -> Sequence[Remark]:
-        """Remarks about the present text; none while it is being checked."""
-        work = self.workplace
-        return work.findings.remarks if work.findings is not None and work.checked == work.text else ()
-
     def _show_remarks(self) -> None:
-        work, lines, marks = self.workplace, [], {plane: [] for plane in self.canvases}
-        for n, remark in enumerate(self.shown_remarks, 1):
-            owner = self.scene.thing(remark.owner(self.scene))
-            for plane in self.scene.planes:
-                handles = owner.handles(plane) if owner is not None else {}
-                place = handles.get("center") or next(
-                    iter(handles.values()), owner.place if owner and plane == ABOVE else None
-                )
+        """Show the errors and warnings of the present text in list, form and views, or that it is being checked."""
+        work, scene = self.workplace, self.scene
+        checked = work.findings if work.checked == work.text else None
+        remarks = checked.remarks if checked is not None else ()
+        lines, marks = [], {plane: [] for plane in self.canvases}
+        for n, remark in enumerate(remarks, 1):
+            owner = scene.thing(scene.owner(remark.path))
+            for plane in scene.planes if owner is not None else ():
+                place = owner.place(plane)
                 if place is not None:
                     beside = sum(
-                        1
-                        for _, other, _ in marks[plane]
-                        if other[1] == place[1] and abs(other[0] - place[0]) < 1
+                        other[1] == place[1] and abs(other[0] - place[0]) < 1 for _, other, _ in marks[plane]
                     )
-                    shift = 0.05 * beside * max(self.scene.room or (1.0,))
+                    shift = 0.05 * beside * max(scene.room or (1.0,))
                     marks[plane].append((str(n), (place[0] + shift, place[1]), remark.is_error))
             color, word = (WRONG, "error") if remark.is_error else (UNLIKELY, "unlikely")
-            lines.append(
-                f"<p><b style='color:{color}'>{n} {word}</b> {escape(self.scene.named(remark.line))}</p>"
-            )
-        wrong = {remark.owner(self.scene) for remark in self.shown_remarks if remark.is_error}
+            lines.append(f"<p><b style='color:{color}'>{n} {word}</b> {escape(scene.named(remark.line))}</p>")
+        wrong = {scene.owner(remark.path) for remark in remarks if remark.is_error}
         for plane, canvas in self.canvases.items():
-            canvas.show(self.scene, self.chosen, wrong, marks[plane])
-        fresh = work.findings is not None and work.checked == work.text
-        self.remarks.text = "".join(lines) or (
-            "<p>Nothing: the scenario can be run.</p>" if fresh else "<p>checking …</p>"
-        )
+            canvas.show(scene, self.chosen, wrong, marks[plane])
+        nothing = "<p>Nothing: the scenario can be run.</p>" if checked is not None else "<p>checking …</p>"
+        self.remarks.text = "".join(lines) or nothing
         self.tabs.tabs[2].title = f"Remarks ({len(lines)})" if lines else "Remarks"
-        self.size.text = self._summary()
+        self.size.text = self._summary(checked) if checked is not None else "checking …"
+        self.form.show(scene, self.chosen, remarks)
 
-    def _summary(self) -> str:
+    def _summary(self, findings: Findings) -> str:
         """Return the line below the views as HTML: the first error, or the size of a run."""
-        findings = self.workplace.findings
-        if findings is None or self.workplace.checked != self.workplace.text:
-            return "checking …"
         errors = [remark.line for remark in findings.remarks if remark.is_error]
         if errors:
             more = f" and {len(errors) - 1} more" * (len(errors) > 1)
@@ -342,7 +268,7 @@ class Page(Pointer):
         self.say("")
         self.tried(lambda: self.workplace.put(text))
         if self.workplace.text != text:
-            self._changed()  # the page shows the text as it stays
+            self.follow()  # the page shows the text as it stays
         self._catch_up()
 
     def say(self, words: str) -> None:
@@ -372,8 +298,8 @@ class Page(Pointer):
         """Return the result of a function, or show its error and return None."""
         try:
             return work()
-        except InputError as error:
-            self.say("; ".join(error.lines))
+        except (InputError, LineError) as error:
+            self.say("; ".join(error.lines) if isinstance(error, InputError) else str(error))
             return None
 
     def choose(self, path: str) -> None:
@@ -385,11 +311,13 @@ class Page(Pointer):
         if text != self.workplace.text:
             self.put(text)
 
-    def edit(self, work: Callable[[], str]) -> None:
-        """Make the text that a function returns the present one, or show the function's error."""
-        new = self.tried(work)
-        if new is not None:
-            self.put(new)
+    def edit(self, work: Callable[[], str | tuple[str, str]]) -> bool:
+        """Take the text that a function returns, perhaps with a path to be chosen; return whether it made no error."""
+        made = self.tried(work)
+        if made is not None:
+            text, self.chosen = (made, self.chosen) if isinstance(made, str) else made
+            self.put(text)
+        return made is not None
 
     def _undo(self) -> None:
         self.workplace.undo()
@@ -400,37 +328,27 @@ class Page(Pointer):
         self._catch_up()
 
     def _copy(self) -> None:
-        made = self.tried(lambda: edits.copy(self.workplace.text, self.chosen, self.workplace.folder))
-        if made is not None:
-            self.chosen = made[1]
-            self.put(made[0])
+        self.edit(lambda: edits.copy(self.workplace.text, self.chosen, self.workplace.folder))
 
     def _turn(self, degrees: float) -> None:
         self.edit(lambda: edits.turn(self.workplace.text, self.chosen, degrees))
 
     def _delete(self) -> None:
-        if self.scene.thing(self.chosen) is None:
-            return
-        new = self.tried(lambda: edits.remove(self.workplace.text, self.chosen))
-        if new is not None:
-            self.chosen = ""  # its path is now that of the next item, which a second Delete would remove
-            self.put(new)
+        if self.scene.thing(self.chosen) is not None:
+            # the path is then that of the next item, which a second Delete would remove
+            self.edit(lambda: (edits.remove(self.workplace.text, self.chosen), ""))
 
     def _fit(self) -> None:
         for canvas in self.canvases.values():
             canvas.fit()
 
-    def save(self) -> None:
-        """Save the text; ask first if another program has changed the file."""
-        self._save()
-
-    def _save(self, agreed: FileChangedError | None = None) -> None:
+    def save(self, agreed: FileChangedError | None = None) -> None:
+        """Save the text; ask first if another program has changed the file. agreed: the error asked about before."""
         try:
             self.workplace.save(agreed)
             self.say("")
         except FileChangedError as error:
-            found = error  # the name `error` ends with this block
-            self.ask(f"{error.lines[0]}. Overwrite it?", lambda: self._save(found), self._offer_reload)
+            self.ask(f"{error.lines[0]}. Overwrite it?", partial(self.save, error), self._offer_reload)
         except InputError as error:
             self.say("; ".join(error.lines))
 
@@ -447,7 +365,7 @@ class Page(Pointer):
     def _run(self) -> None:
         self.tabs.active = 3
         self.choose("")  # handles would lie on the picture of the run
-        self.runs.start()
+        self.runs.start(self.workplace.text)
 
     def _key(self, name: str) -> None:
         work = {
@@ -458,7 +376,7 @@ class Page(Pointer):
             work()
 
     def _escape(self) -> None:
-        self.palette.active = 0
+        self.pointer.palette.active = 0
         self.choose("")
 
     def _tab(self, active: int) -> None:
@@ -471,8 +389,8 @@ class Page(Pointer):
     def usage(self) -> str:
         """Use of the pointer in the views or, while a run is seen, the scale of its picture; as HTML."""
         picture = self.runs.picture
-        if picture is None or self.kind != "select":
-            return super().usage
+        if picture is None or self.pointer.kind != "select":
+            return self.pointer.usage
         scale, unit = picture.scale, "" if picture.unit == "1" else f" {picture.unit}"
         low, high = ("white", "dark") if picture.unit == "ppm" else ("blue", "red")
         ends = f"from {scale.low:g}{unit} ({low}) to {scale.high:g}{unit} ({high})"
@@ -482,7 +400,8 @@ class Page(Pointer):
     def look(self) -> None:
         """Show the state of the runs, and of the file."""
         self.runs.refresh()
-        sight, of = self.runs.sight, self.runs.scene
+        sight, run = self.runs.sight, self.runs.run
+        of = run.scene if run is not None else None
         self.hint.text = self.usage
         begun = (sight is None) != (self.canvases[ABOVE].sight is None)
         for canvas in self.canvases.values():

@@ -12,11 +12,11 @@ import numpy as np
 
 from taichi_plume.grid.outlines import circle, rectangle
 from taichi_plume.report.theme import ABOVE
-from taichi_plume.scenario.domain import Arena, Domain, Located
+from taichi_plume.scenario.domain import Arena, Domain
 from taichi_plume.scenario.openings import Periodic
-from taichi_plume.scenario.probes import ProbeGrid, ProbeLine, ProbePoint
+from taichi_plume.scenario.probes import ProbeGrid, ProbeLine
 from taichi_plume.scenario.robots import Group
-from taichi_plume.scenario.starts import StartArea, StartAt, StartLine
+from taichi_plume.scenario.starts import StartArea, StartAt
 from taichi_plume.scenario.windows import Window
 
 Plane = tuple[int, int]
@@ -36,17 +36,28 @@ class Outline(NamedTuple):
 
 
 class Part:
-    """A drawn section. room: the extent of the domain [m]. within: where its keys are in the object's section."""
+    """A drawn section. room: the extent of the domain [m]. within: where its keys are in the object's section.
+
+    keys: those of the points of the section, or of its lists of points.
+    """
 
     within = ""
 
-    def __init__(self, model: Any, room: tuple[float, ...]):
-        self.model, self.room = model, room
+    def __init__(self, model: Any, room: tuple[float, ...], keys: Sequence[str] = ()):
+        self.model, self.room, self.keys = model, room, keys
 
     @property
     def dim(self) -> int:
         """Number of dimensions of the scenario."""
         return len(self.room)
+
+    @property
+    def points(self) -> dict[str, Sequence[float]]:
+        """Points of the section by their keys or, of a list, by their paths within the section."""
+        given = {key: vars(self.model)[key] for key in self.keys}
+        lists = {key: points for key, points in given.items() if isinstance(points[0], tuple)}
+        listed = {f"{key}[{n}]": point for key in lists for n, point in enumerate(lists[key])}
+        return {key: point for key, point in given.items() if key not in lists} | listed
 
     def outlines(self, plane: Plane) -> list[Outline]:
         """Return what is drawn in a plane."""
@@ -58,6 +69,8 @@ class Part:
 
     def moved(self, handle: str, plane: Plane, to: Point) -> Values:
         """Return the new values of keys once a handle has been dragged to a point of a plane."""
+        if handle != "center" and handle in self.points:
+            return {handle: _put(self.points[handle], plane, to)}
         x, y = self.handles(plane)["center"]
         shift = np.zeros(3)
         shift[list(plane)] = to[0] - x, to[1] - y
@@ -65,7 +78,7 @@ class Part:
 
     def shifted(self, by: np.ndarray) -> Values:
         """Return the new values of keys once the section has been moved by a vector of three axes [m]."""
-        return {}
+        return {key: moved_point(point, by) for key, point in self.points.items()}
 
 
 def edges_of(low: Sequence[float], high: Sequence[float]) -> dict[str, Point]:
@@ -140,6 +153,9 @@ class Rectangle(Part):
 
     model: Arena | StartArea | ProbeGrid
 
+    def __init__(self, model: Any, room: tuple[float, ...]):
+        super().__init__(model, room, ("low", "high"))
+
     def _corners(self, plane: Plane) -> tuple[list[float], list[float]] | None:
         low, high = self.model.low, self.model.high
         return None if max(plane) >= len(low) else ([low[d] for d in plane], [high[d] for d in plane])
@@ -161,9 +177,6 @@ class Rectangle(Part):
             "low": _put(self.model.low, plane, pair(low)),
             "high": _put(self.model.high, plane, pair(high)),
         }
-
-    def shifted(self, by: np.ndarray) -> Values:
-        return {"low": moved_point(self.model.low, by), "high": moved_point(self.model.high, by)}
 
 
 # ---------------------------------------------------------------- openings, screens, tempered walls
@@ -202,31 +215,31 @@ class Pane(Part):
                 return self._on(wall, to)
         low, high = self._sides(plane)
         if handle == "center":
-            x, y = (np.array(low) + high) / 2
-            low, high = ([end[0] + to[0] - x, end[1] + to[1] - y] for end in (low, high))
+            shift = np.subtract(to, self.handles(plane)["center"])
+            low, high = list(low + shift), list(high + shift)
         else:
             low, high = dragged(low, high, handle, to)
-        center, half = (list(map(float, part)) for part in self.model.rectangle(self.room))
         values: Values = {}
-        for n, axis in enumerate(self.model.along(self.dim)):
-            if axis in plane:
-                a, b = low[plane.index(axis)], high[plane.index(axis)]
-                half[n] = (b - a) / 2
-                if handle == "center":
-                    most = self.room[axis]
-                    a = min(max(a, 0.0), max(0.0, most - 2 * half[n]))
-                else:
-                    a, b = max(a, 0.0), min(b, self.room[axis])
-                    half[n] = (b - a) / 2
-                center[n] = a + half[n]
         if hasattr(self.model, "at") and self.model.normal in plane and handle == "center":
             values["at"] = float(to[plane.index(self.model.normal)])
         if self.model.center is None and handle == "center":
             return values  # a whole wall has nowhere to go
-        values["center"] = center
-        if self.model.diameter is not None:
-            return values | ({} if handle == "center" else {"diameter": 2 * self._dragged_half(half)})
-        return values | {"size": [2 * h for h in half]}
+        center, half = (list(map(float, part)) for part in self.model.rectangle(self.room))
+        for n, axis in enumerate(self.model.along(self.dim)):
+            if axis in plane:
+                a, b, most = low[plane.index(axis)], high[plane.index(axis)], self.room[axis]
+                if handle != "center":
+                    a, b = max(a, 0.0), min(b, most)
+                half[n] = (b - a) / 2
+                center[n] = min(max(a, 0.0), max(0.0, most - 2 * half[n])) + half[n]
+        return values | {"center": center, **self._size(half)}
+
+    def _size(self, half: Sequence[float]) -> Values:
+        """Return the key of the size for half widths [m], of which one may have been changed."""
+        if self.model.diameter is None:
+            return {"size": [2 * h for h in half]}
+        before = float(self.model.diameter) / 2
+        return {"diameter": 2 * max(half, key=lambda h: abs(h - before))}
 
     def _on(self, wall: str, to: Point) -> Values:
         """Return the new values of keys on another wall: as wide as before, or as the wall; heights stay."""
@@ -236,18 +249,12 @@ class Pane(Part):
         center, half = (list(map(float, part)) for part in self.model.rectangle(self.room))
         half[0] = min(half[0], self.room[axis] / 2)
         center[0] = min(max(float(to[axis]), half[0]), self.room[axis] - half[0])
-        width = {"size": [2 * h for h in half]} if self.model.diameter is None else {"diameter": 2 * half[0]}
-        return {"face": wall, "center": center, **width}
-
-    def _dragged_half(self, half: Sequence[float]) -> float:
-        before = float(self.model.diameter or 0.0) / 2
-        return max(half, key=lambda h: abs(h - before))
+        return {"face": wall, "center": center, **self._size(half)}
 
     def shifted(self, by: np.ndarray) -> Values:
         if self.model.center is None:
             return {}
-        along = self.model.along(self.dim)
-        return {"center": [float(x + by[d]) for x, d in zip(self.model.center, along, strict=False)]}
+        return {"center": moved_point(self.model.center, by[self.model.along(self.dim)])}
 
 
 class Wrapped(Part):
@@ -263,54 +270,27 @@ class Wrapped(Part):
 # ---------------------------------------------------------------- points
 
 
-class Spot(Part):
-    """A source, a heater or a probe point: a position, perhaps with a radius."""
-
-    model: Located | ProbePoint
-
-    @property
-    def _key(self) -> str:
-        return "at" if isinstance(self.model, ProbePoint) else "position"
-
-    def outlines(self, plane: Plane) -> list[Outline]:
-        radius = vars(self.model).get("radius") or 0.02 * min(self.room[:2])
-        return [Outline(circle(at, radius)) for at in self.handles(plane).values()][:1]
-
-    def handles(self, plane: Plane) -> dict[str, Point]:
-        at, radius = vars(self.model)[self._key], vars(self.model).get("radius")
-        if max(plane) >= len(at):
-            return {}
-        point = pair([at[d] for d in plane])
-        return {"center": point} | ({"rim": (point[0] + radius, point[1])} if radius else {})
-
-    def moved(self, handle: str, plane: Plane, to: Point) -> Values:
-        if handle == "rim":
-            x, y = self.handles(plane)["center"]
-            return {"radius": max(LEAST, hypot(to[0] - x, to[1] - y))}
-        return super().moved(handle, plane, to)
-
-    def shifted(self, by: np.ndarray) -> Values:
-        return {self._key: moved_point(vars(self.model)[self._key], by)}
-
-
 class Points(Part):
-    """Several points of a section by their keys: ends of a line of probes or robots, or listed positions.
+    """Points by their keys: a source, a heater, a probe, the ends of a line of probes or robots, or listed positions.
 
-    radius: of the disc drawn at each of `places` [m]; base: height of the discs' lower end and of the bodies [m].
+    places: of the drawn discs [m], by default those of the points; radius: of the discs [m], unless the section has its
+    own; base: height of the discs' lower end and of the bodies [m].
     """
 
     def __init__(
-        self, model: Any, room: tuple[float, ...], places: np.ndarray, radius: float, base: Point = (0, 0)
+        self,
+        model: Any,
+        room: tuple[float, ...],
+        keys: Sequence[str],
+        places: Any = None,
+        radius: float | None = None,
+        base: Point = (0, 0),
     ):
-        super().__init__(model, room)
-        self.places, self.radius, self.base = places, radius, base
-
-    @property
-    def _ends(self) -> dict[str, Sequence[float]]:
-        if isinstance(self.model, StartAt):
-            return {f"positions[{n}]": point for n, point in enumerate(self.model.positions)}
-        keys = ("begin", "end") if isinstance(self.model, StartLine) else ("start", "end")
-        return {key: vars(self.model)[key] for key in keys}
+        super().__init__(model, room, keys)
+        self.rim = vars(model).get("radius")
+        self.radius = self.rim or radius or 0.02 * min(room[:2])
+        self.base = base
+        self.places = np.array(list(self.points.values()) if places is None else places)
 
     def outlines(self, plane: Plane) -> list[Outline]:
         if self.places.shape[1] > max(plane):
@@ -320,42 +300,43 @@ class Points(Part):
             discs = [
                 rectangle((x - self.radius, low), (x + self.radius, low + height)) for x in self.places[:, 0]
             ]
-        ends = np.array([self._seen(end, plane) for end in self._ends.values()])
-        return [*map(Outline, discs), *([] if isinstance(self.model, StartAt) else [Outline(ends, False)])]
+        ends = [self._seen(end, plane) for end in self.points.values()]
+        return [*map(Outline, discs), *([Outline(np.array(ends), False)] if len(self.keys) == 2 else [])]
 
     def _seen(self, point: Sequence[float], plane: Plane) -> Point:
         return pair([point[d] if d < len(point) else self.base[0] for d in plane])
 
     def handles(self, plane: Plane) -> dict[str, Point]:
-        ends = {name: self._seen(end, plane) for name, end in self._ends.items()}
-        if len(ends) == 1:
-            return ends
-        return ends | {"center": pair(np.mean(list(ends.values()), axis=0))}
+        seen = {name: self._seen(end, plane) for name, end in self.points.items()}
+        x, y = pair(np.mean(list(seen.values()), axis=0))
+        handles = {"center": (x, y), **({} if len(seen) == 1 else seen)}
+        return handles | ({"rim": (x + self.rim, y)} if self.rim else {})
 
     def moved(self, handle: str, plane: Plane, to: Point) -> Values:
-        if handle == "center":
-            return super().moved(handle, plane, to)
-        return {handle: _put(self._ends[handle], plane, to)}
-
-    def shifted(self, by: np.ndarray) -> Values:
-        return {name: moved_point(end, by) for name, end in self._ends.items()}
+        if handle == "rim":
+            x, y = self.handles(plane)["center"]
+            return {"radius": max(LEAST, hypot(to[0] - x, to[1] - y))}
+        return super().moved(handle, plane, to)
 
 
 def start_part(group: Group | None, start: Any, room: tuple[float, ...]) -> Part:
     """Return the part of a group's start; of a group with faults elsewhere (None), robots of 10 cm are drawn."""
     radius = group.body.radius if group is not None else 0.1
     base = (group.start_altitude, group.body.height) if group is not None else (0.0, 0.2)
-    part: Part = Rectangle(start, room)
-    if not isinstance(start, StartArea):
-        count = group.count if group is not None else 2
-        places = start.listed if isinstance(start, StartAt) else start.places(count)
-        part = Points(start, room, np.array(places), radius, base)
+    if isinstance(start, StartArea):
+        part: Part = Rectangle(start, room)
+    elif isinstance(start, StartAt):
+        part = Points(start, room, ("positions",), start.listed, radius, base)
+    else:
+        places = start.places(group.count if group is not None else 2)
+        part = Points(start, room, ("begin", "end"), places, radius, base)
     part.within = ".start"
     return part
 
 
 def probe_part(probe: Any, room: tuple[float, ...]) -> Part:
     """Return the part of a probe: a point, a line of points or a lattice."""
-    if isinstance(probe, ProbeLine):
-        return Points(probe, room, probe.places, 0.01 * min(room[:2]))
-    return Rectangle(probe, room) if isinstance(probe, ProbeGrid) else Spot(probe, room)
+    if isinstance(probe, ProbeGrid):
+        return Rectangle(probe, room)
+    is_line = isinstance(probe, ProbeLine)
+    return Points(probe, room, probe.what, probe.places, (0.01 if is_line else 0.02) * min(room[:2]))

@@ -1,8 +1,7 @@
 """The runs of a session as widgets of Bokeh: progress, readings, the list, and report and recording beside."""
 
-from collections.abc import Callable
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from bokeh.layouts import column, row
@@ -10,13 +9,15 @@ from bokeh.models import Button, ColumnDataSource, Div, InlineStyleSheet, Select
 from bokeh.plotting import figure
 
 from taichi_plume.draw.document import data_of
-from taichi_plume.draw.objects import Scene, named, names
+from taichi_plume.draw.objects import named, names
 from taichi_plume.draw.runs import Run
-from taichi_plume.draw.workplace import Workplace
 from taichi_plume.execution.latest_instant import Instant, Picture
-from taichi_plume.guard.input_error import InputError
 from taichi_plume.report import theme
 
+if TYPE_CHECKING:
+    from taichi_plume.draw.page import Page
+
+LISTED = 10
 ENDED = ("completed", "stopped")
 """States of runs that have come to their end; a run stops early if its robots are done."""
 CELL = "text-align:left;vertical-align:top;padding:3px 8px 3px 0;border-bottom:1px solid #e3e7eb"
@@ -25,20 +26,10 @@ FRAME = "width:100%;height:calc(100vh - 150px);border:1px solid #c9d1d9;backgrou
 
 
 class RunPanel:
-    """Widgets of the runs. ask: asks a question, with functions of both answers; say: shows a message.
+    """Widgets of the runs on a page."""
 
-    look: shows the state of the shown run in all parts of the page.
-    """
-
-    def __init__(
-        self,
-        workplace: Workplace,
-        ask: Callable[..., None],
-        say: Callable[[str], None],
-        look: Callable[[], None],
-    ):
-        self.workplace, self.ask, self.say, self.look = workplace, ask, say, look
-        self.number = 0
+    def __init__(self, page: "Page"):
+        self.page, self.number = page, 0
         self._shown: Instant | None = None
         self._frames: tuple[int, bool] = (0, False)
         self.stop = Button(label="■ Stop", width=80, disabled=True, name="stop")
@@ -47,14 +38,8 @@ class RunPanel:
         self.output = Div(width=400, name="output")
         self.links = Div(width=400, name="links")
         self.curves = ColumnDataSource({"xs": [], "ys": [], "color": []})
-        self.plot = figure(
-            height=200,
-            width=400,
-            tools="",
-            toolbar_location=None,
-            x_axis_label="t [s]",
-            y_axis_label="reading [ppm]",
-        )
+        labels: Any = {"x_axis_label": "t [s]", "y_axis_label": "reading [ppm]"}
+        self.plot = figure(height=200, width=400, tools="", toolbar_location=None, **labels)
         self.plot.visible = False  # until there are readings
         self.plot.multi_line("xs", "ys", line_color="color", line_width=1.5, source=self.curves)
         self.plot.outline_line_color = None
@@ -64,7 +49,7 @@ class RunPanel:
         self.shown = Select(title="shown run", width=120, visible=False, name="shown")
         self.shown.on_change("value", lambda _attr, _old, new: self._chosen(new))
         self.quantity = Select(title="shown quantity", width=200, visible=False, name="quantity")
-        self.quantity.on_change("value", lambda _attr, _old, _new: self.look())
+        self.quantity.on_change("value", lambda _attr, _old, _new: page.look())
         self.table = Div(width=410, name="runs")
         self.layout = column(
             row(self.stop, self.progress), self.plot, self.links, self.output,
@@ -79,13 +64,13 @@ class RunPanel:
     @property
     def run(self) -> Run | None:
         """The run that is shown."""
-        return self.workplace.runs.run(self.number)
+        return self.page.workplace.run_of(self.number)
 
     @property
     def sight(self) -> Instant | None:
         """State of the shown run at its last moment; None once the run has ended and the text has changed."""
         run = self.run
-        return run.sight if run is not None and (run.alive or run.text == self.workplace.text) else None
+        return run.sight if run is not None and (run.alive or run.text == self.page.workplace.text) else None
 
     @property
     def picture(self) -> Picture | None:
@@ -93,51 +78,40 @@ class RunPanel:
         pictures = self.sight.pictures if self.sight is not None else {}
         return pictures.get(str(self.quantity.value), next(iter(pictures.values()), None))
 
-    @property
-    def scene(self) -> Scene | None:
-        """Objects of the text with which the shown run was started."""
-        return self.run.scene if self.run is not None else None
-
     # ---------------------------------------------------------------- run and stop
 
-    def start(self) -> None:
-        """Start a run; ask before files with Python code are executed, in the words of the command."""
-        self._start(self.workplace.text, frozenset())
-
-    def _start(self, text: str, agreed: frozenset[str]) -> None:
+    def start(self, text: str, agreed: frozenset[str] = frozenset()) -> None:
         """Start a run of a text once the user has agreed to each of its Python files, by the SHA-256 of the file.
 
-        The run's process executes these files only if they still have this SHA-256.
+        The question has the words of the command. The run's process executes these files only if they still have this
+        SHA-256.
         """
-        work = self.workplace
+        page, work = self.page, self.page.workplace
         findings = work.check(text)[1]
         work.found(text, findings)
         if not findings.sound:
-            self.say("the scenario has errors; see Remarks")
+            page.say("the scenario has errors; see Remarks")
             return
         digests = frozenset(findings.code.values())
         if not work.allow_code and not digests <= agreed:
             words = named(" ".join([*findings.code, "Run it?"]), names(data_of(text)))
-            self.ask(words, lambda: self._start(text, digests), lambda: self.say("not run"))
+            page.ask(words, lambda: self.start(text, digests), lambda: page.say("not run"))
             return
-        try:
-            self.number = work.run(text, agreed).number
-        except InputError as error:
-            self.say("; ".join(error.lines))
-        self.look()
+        run = page.tried(lambda: work.run(text, agreed))
+        if run is not None:
+            self.number = run.number
+        page.look()
 
     def _stop(self) -> None:
         if self.run is not None:
             self.run.stop()
-            self.look()
+            self.page.look()
 
     # ---------------------------------------------------------------- show
 
     def refresh(self) -> None:
         """Show the present state of the runs."""
-        runs = self.workplace.runs
-        if not self.number and runs.all:
-            self.number = len(runs.all)
+        self.number = self.number or len(self.page.workplace.runs)
         self._show_list()
         run = self.run
         if run is None:
@@ -150,7 +124,7 @@ class RunPanel:
             self._show_readings(run.sight)
             self._show_quantities(run.sight)
         as_asked = run.alive or run.state in ENDED or run.stopping
-        lines = [] if as_asked or self.scene is None else map(self.scene.named, run.output)
+        lines = [] if as_asked or run.scene is None else map(run.scene.named, run.output)
         self.output.text = "".join(f"<div style='color:#d32f2f'>{escape(line)}</div>" for line in lines)
         self._show_frames(run)
 
@@ -188,19 +162,14 @@ class RunPanel:
         if (run.number, there) == self._frames:
             return
         self._frames = (run.number, there)
-        base = f"runs/{run.number}"
-        self.report.text = (
-            f'<iframe src="{base}/report.html" style="{FRAME}"></iframe>'
-            if there
-            else "<p>The run has no report yet.</p>"
-        )
+        base, links = f"runs/{run.number}", ""
+        self.report.text = "<p>The run has no report yet.</p>"
         self.recording.text = "<p>The run has no recording yet.</p>"
-        self.links.text = (
-            f'<a href="{base}/report.html" target="_blank">report</a> &nbsp; <a href="{base}/run.zip">ZIP of run '
-            f"{run.number}</a>"
-            if there
-            else ""
-        )
+        if there:
+            self.report.text = f'<iframe src="{base}/report.html" style="{FRAME}"></iframe>'
+            links = f'<a href="{base}/report.html" target="_blank">report</a> &nbsp; '
+            links += f'<a href="{base}/run.zip">ZIP of run {run.number}</a>'
+        self.links.text = links
 
     def open(self, tab: int) -> None:
         """Load the recording in rerun's viewer once its tab (5) is opened, as the viewer is large."""
@@ -211,16 +180,12 @@ class RunPanel:
 
     def _show_list(self) -> None:
         """Show the last runs beside each other, the newest first."""
-        runs = self.workplace.runs.listed
+        runs = self.page.workplace.runs[: -LISTED - 1 : -1]
         rows = [run.row() for run in runs]
-        head = "".join(f"<th style='{CELL}'>{key}</th>" for key in (rows[0] if rows else ()))
-        body = "".join(
-            "<tr>" + "".join(f"<td style='{CELL}'>{escape(text)}</td>" for text in line.values()) + "</tr>"
-            for line in rows
-        )
-        self.table.text = (
-            f"<table style='border-collapse:collapse;font-size:12px'>{head}{body}</table>" if rows else ""
-        )
+        cells = [[f"<th style='{CELL}'>{key}</th>" for key in line] for line in rows[:1]]
+        cells += [[f"<td style='{CELL}'>{escape(text)}</td>" for text in line.values()] for line in rows]
+        lines = "".join(f"<tr>{''.join(line)}</tr>" for line in cells)
+        self.table.text = f"<table style='border-collapse:collapse;font-size:12px'>{lines}</table>"
         options = [str(run.number) for run in runs]
         if self.shown.options != options or self.shown.value != str(self.number):
             self.shown.update(options=options, value=str(self.number), visible=len(runs) > 1)
@@ -228,4 +193,4 @@ class RunPanel:
     def _chosen(self, number: str) -> None:
         if number.isdecimal() and int(number) != self.number:
             self.number = int(number)
-            self.look()
+            self.page.look()

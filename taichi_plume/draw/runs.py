@@ -1,4 +1,4 @@
-"""Runs of a session: each is the run command in a process of its own, which outlives page and server."""
+"""A run of a session: the run command in a process of its own, which outlives page and server."""
 
 import os
 import secrets
@@ -9,7 +9,6 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -21,24 +20,25 @@ from taichi_plume.files import disk
 from taichi_plume.files.disk import written_whole
 from taichi_plume.files.run_folder import read_json
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.guard.safe_open import inside, read_regular
+from taichi_plume.guard.safe_open import read_regular
 from taichi_plume.guard.terminal import visible
 
-LISTED = 10
 MOST_LINES = 12  # of the command's output that are shown
 MOST_CHANGES = 3  # keys, in the list
 
 
 class Run:
-    """A run of the session. number: from 1; folder: of its files; changes: keys that differ from the previous run.
+    """A run of the session. number: from 1; folder: of its files; before: text of the previous run, if any.
 
     scene: objects of the run's text, for all pages.
     """
 
-    def __init__(self, number: int, folder: Path, text: str, changes: str):
-        self.number, self.folder, self.text, self.changes = number, folder, text, changes
+    def __init__(
+        self, number: int, folder: Path, text: str, before: str | None = None, scene: Scene | None = None
+    ):
+        self.number, self.folder, self.text, self.scene = number, folder, text, scene
+        self.changes = changes(before, text) if before is not None else ""
         self.notes = Path(tempfile.mkdtemp(prefix="taichi_plume-draw-"))
-        self.scene: Scene | None = None
         self.scenario: Path | None = None  # a copy of the text for the run alone
         self.process: subprocess.Popen[bytes] | None = None
         self.begun = time.monotonic()
@@ -92,17 +92,27 @@ class Run:
             return None
         return max(0.0, (sight.end - sight.t) / sight.speed)
 
-    def start(self, scenario: Path, root: Path, flags: list[str]) -> None:
-        """Start the command in a session of its own: neither Ctrl-C nor the end of the server reaches it."""
-        command = [sys.executable, "-m", "taichi_plume.run", str(scenario), "--out", str(self.folder)]
+    def start(self, folder: Path, root: Path, flags: list[str]) -> None:
+        """Start the command in a session of its own: neither Ctrl-C nor the end of the server reaches it.
+
+        folder: of the files that the text names; root: in which the command works. Raises InputError.
+        """
+        self.scenario = folder / f".{self.folder.name}.run-{secrets.token_hex(4)}.yaml"
+        command = [sys.executable, "-m", "taichi_plume.run", str(self.scenario), "--out", str(self.folder)]
         command += ["--watch", str(self.notes / "watch.npz"), *flags]
         own: dict[str, Any] = {"start_new_session": True}
         if os.name == "nt":
             own = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}  # pyright: ignore[reportAttributeAccessIssue]
-        with (self.notes / "output.txt").open("wb") as file:
-            self.process = subprocess.Popen(
-                command, cwd=root, stdin=subprocess.DEVNULL, stdout=file, stderr=file, **own
-            )
+        try:
+            with written_whole(self.scenario) as fresh:
+                fresh.write_bytes(self.text.encode("utf-8"))
+            with (self.notes / "output.txt").open("wb") as file:
+                self.process = subprocess.Popen(
+                    command, cwd=root, stdin=subprocess.DEVNULL, stdout=file, stderr=file, **own
+                )
+        except OSError as error:
+            self.scenario.unlink(missing_ok=True)
+            raise InputError(f"{error.filename or self.scenario}: {error.strerror or error}") from None
 
     def stop(self) -> None:
         """Ask the run to end, as Ctrl-C does: its files are completed, and it can be resumed."""
@@ -121,6 +131,12 @@ class Run:
             if self.scenario is not None:
                 self.scenario.unlink(missing_ok=True)
 
+    def close(self) -> None:
+        """Remove the notes of an ended run; a run that is alive still writes them."""
+        if not self.alive:
+            self.poll()
+            disk.discard(self.notes)
+
     def row(self) -> dict[str, str]:
         """Return the run's row in the list of runs: texts by column."""
         result, groups = self.result, self.result.get("groups") or []
@@ -131,83 +147,16 @@ class Run:
                 first = f", the first in {seconds:.0f} s" if seconds is not None else ""
                 found.append(f"{group['name']}: {robots_found(group)}{first}")
         wall = self.wall if self.wall is not None else time.monotonic() - self.begun
-        simulated = result.get("simulated_s")
+        simulated = result.get("simulated_s") if not self.alive else None
         return {
             "run": str(self.number),
             "state": self.words,
             "changed": self.changes,
             "found": "; ".join(found),
-            "simulated": f"{simulated:.0f} s"
-            if isinstance(simulated, int | float) and not self.alive
-            else "",
+            "simulated": f"{simulated:.0f} s" if isinstance(simulated, int | float) else "",
             "took": f"{wall:.0f} s",
             "folder": self.folder.name,
         }
-
-
-class Runs:
-    """The runs of a session, the newest last. root: folder in which the command works.
-
-    allow_outside: whether the folder `runs` may be a link that leads elsewhere.
-    """
-
-    def __init__(self, root: Path, allow_outside: bool = False):
-        self.root, self.allow_outside = root, allow_outside
-        self.all: list[Run] = []
-
-    @property
-    def alive(self) -> list[Run]:
-        """Runs that have not ended."""
-        return [run for run in self.all if run.alive]
-
-    @property
-    def listed(self) -> list[Run]:
-        """The last runs, the newest first."""
-        return self.all[: -LISTED - 1 : -1]
-
-    def run(self, number: int) -> Run | None:
-        """Return the run with a number; None if there is none."""
-        return self.all[number - 1] if 1 <= number <= len(self.all) else None
-
-    def start(self, text: str, folder: Path, flags: list[str]) -> Run:
-        """Start a run of a text; folder: of the files that the text names. Raises InputError."""
-        name = data_of(text).get("name", "run")
-        name = name if isinstance(name, str) and name.replace("_", "").replace("-", "").isalnum() else "run"
-        above = self.root / "runs"
-        if not self.allow_outside and not inside(above, self.root):
-            raise InputError(
-                f"{above}: is a link to {above.resolve()}, outside the folder in which the command was started; remove "
-                "the link, or add --allow-outside"
-            )
-        taken = {run.folder for run in self.all}  # also of runs that have not made their folder yet
-        folders = (above / f"{name}-{n}" for n in count(1))
-        free = next(folder for folder in folders if folder not in taken and not os.path.lexists(folder))
-        before = self.all[-1].text if self.all else text
-        run = Run(len(self.all) + 1, free, text, changes(before, text))
-        run.scenario = folder / f".{name}.run-{secrets.token_hex(4)}.yaml"
-        try:
-            with written_whole(run.scenario) as fresh:
-                fresh.write_bytes(text.encode("utf-8"))
-            run.start(run.scenario, self.root, flags)
-        except OSError as error:
-            run.scenario.unlink(missing_ok=True)
-            raise InputError(f"{error.filename or run.scenario}: {error.strerror or error}") from None
-        self.all.append(run)
-        return run
-
-    def poll(self) -> bool:
-        """Read the states of all runs that have not been seen to end; return whether there are any."""
-        running = [run for run in self.all if run.wall is None]
-        for run in running:
-            run.poll()
-        return bool(running)
-
-    def close(self) -> None:
-        """Remove the notes of ended runs; runs that are alive still write theirs."""
-        for run in self.all:
-            if not run.alive:
-                run.poll()
-                disk.discard(run.notes)
 
 
 def changes(before: str, after: str) -> str:

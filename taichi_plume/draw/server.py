@@ -1,4 +1,4 @@
-"""The server of the page: on the loopback interface alone, behind `access.Gatekeeper`."""
+"""The server of the page: on the loopback interface alone, for requests that `access.Access` lets in."""
 
 import asyncio
 import gc
@@ -9,6 +9,8 @@ import socket
 import traceback
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
+from typing import Any
 
 from bokeh.application import Application
 from bokeh.application.handlers import FunctionHandler
@@ -18,7 +20,7 @@ from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
 from tornado.netutil import bind_sockets
 
-from taichi_plume.draw.access import Access, Gatekeeper, protection, unlogged
+from taichi_plume.draw.access import Access, Answer, Protection
 from taichi_plume.draw.downloads import patterns
 from taichi_plume.draw.page import Page
 from taichi_plume.draw.workplace import Workplace
@@ -32,14 +34,30 @@ PERIOD = 400  # ms between looks at the runs, and at whether the text has to be 
 LARGEST_MESSAGE = 8 << 20  # bytes, from a page: more than a scenario may have
 
 
+class Guarded(BokehTornado):
+    """Bokeh's application: requests that `Access` refuses do not reach the handlers."""
+
+    def __init__(self, applications: dict[str, Application], access: Access, **settings: Any):
+        self.access = access
+        protection = partial(Protection, access)
+        # no request is logged: its URL may hold the token
+        super().__init__(applications, transforms=[protection], log_function=lambda _: None, **settings)
+
+    def find_handler(self, request: Any, **kwargs: Any) -> Any:
+        if self.access.refusal(request) or self.access.enters(request):
+            return self.get_handler_delegate(request, Answer, {"access": self.access})
+        return super().find_handler(request, **kwargs)
+
+
+LOGGERS = tuple(map(logging.getLogger, ("tornado", "bokeh", "asyncio")))
+
+
 class Log(logging.Handler):
     """Warnings and errors of tornado, Bokeh and asyncio on the terminal, a line each.
 
     Queries of URLs are left out, as they hold the token.
     debug: print tracebacks as well.
     """
-
-    LOGGERS = tuple(map(logging.getLogger, ("tornado", "bokeh", "asyncio")))
 
     def __init__(self, debug: bool):
         super().__init__(logging.WARNING)
@@ -53,17 +71,11 @@ class Log(logging.Handler):
             lines += "".join(traceback.format_exception(error)).splitlines() if self.debug else []
         say(*(re.sub(r"\?\S*", "?...", line) for line in lines), error=True)
 
-    def start(self) -> None:
-        """Take the place of Python's own output of these records."""
-        for logger in self.LOGGERS:
-            logger.addHandler(self)
-            logger.propagate = False
-
-    def stop(self) -> None:
-        """Undo `start`."""
-        for logger in self.LOGGERS:
-            logger.removeHandler(self)
-            logger.propagate = True
+    def take_over(self, end: bool = False) -> None:
+        """Take the place of Python's own output of these records, or end this."""
+        for logger in LOGGERS:
+            (logger.removeHandler if end else logger.addHandler)(self)
+            logger.propagate = end
 
 
 class Service:
@@ -80,18 +92,17 @@ class Service:
             raise InputError(f"port {port}: cannot be used: {error.strerror or error}") from None
         self.port = sockets[0].getsockname()[1]
         self.access = Access(self.port, secrets.token_urlsafe(TOKEN_BYTES))
-        application = Application(FunctionHandler(self._open))
-        tornado = BokehTornado(
-            {"/": application},
+        tornado = Guarded(
+            {"/": Application(FunctionHandler(self._open))},
+            self.access,
             extra_websocket_origins=sorted(self.access.hosts),
             extra_patterns=patterns(workplace, self.access),
             include_headers=[], include_cookies=[],  # otherwise the page would contain them
             secret_key=secrets.token_bytes(32), sign_sessions=True,
             websocket_max_message_size_bytes=LARGEST_MESSAGE,
             unused_session_lifetime_milliseconds=UNUSED, check_unused_sessions_milliseconds=UNUSED // 5,
-            transforms=[protection(self.access)], log_function=unlogged,
         )  # fmt: skip
-        server = HTTPServer(Gatekeeper(tornado, self.access))  # type: ignore[arg-type]
+        server = HTTPServer(tornado)  # type: ignore[arg-type]
         server.add_sockets(sockets)
         self.loop = IOLoop.current()
         self.server = BaseServer(self.loop, tornado, server)
@@ -106,7 +117,7 @@ class Service:
 
     def start(self) -> None:
         """Serve pages, once the loop runs."""
-        self.log.start()
+        self.log.take_over()
         gc.collect()
         gc.freeze()  # Bokeh collects garbage for each page that it forgets, which would search all modules
         self.server.start()
@@ -118,8 +129,9 @@ class Service:
         with suppress(AssertionError):  # Bokeh's, if it has been stopped already
             self.server.stop()
         self.pool.shutdown(wait=False, cancel_futures=True)
-        self.workplace.runs.close()
-        self.log.stop()
+        for run in self.workplace.runs:
+            run.close()
+        self.log.take_over(end=True)
 
     def _open(self, document) -> None:
         document.title = f"{self.workplace.file.name} - taichi_plume draw"

@@ -1,16 +1,18 @@
 """State of a session that all open pages share: the text, its history, the file, and the runs. No Bokeh."""
 
 import os
-from collections.abc import Callable, Collection
+from collections.abc import Collection
+from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Protocol
 
 from taichi_plume.draw.checks import Findings, check
+from taichi_plume.draw.document import data_of
 from taichi_plume.draw.drafts import Draft, Drafts
 from taichi_plume.draw.edits import BLANK
 from taichi_plume.draw.history import History
 from taichi_plume.draw.objects import Scene, scene, stamps
-from taichi_plume.draw.runs import Run, Runs
+from taichi_plume.draw.runs import Run
 from taichi_plume.files.disk import written_whole
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import inside
@@ -31,6 +33,14 @@ class FileChangedError(InputError):
         self.found = found
 
 
+class Follower(Protocol):
+    """Protocol of an open page."""
+
+    def follow(self, runs_alone: bool = False) -> None:
+        """Show a change of text or findings; runs_alone: only the runs have changed."""
+        ...
+
+
 class Workplace:
     """A text that is drawn, checked, saved and run.
 
@@ -49,10 +59,8 @@ class Workplace:
         self.drafts = Drafts(self.file)
         for draft in [draft for draft in self.drafts.waiting if draft.text == self.text]:
             self.drafts.refuse(draft)  # saved just before a server was killed
-        self.runs = Runs(self.root, allow_outside)
-        self.listeners: list[Callable[[], None]] = []  # of changes of text and findings
-        self.watchers: list[Callable[[], None]] = []  # of changes of the runs
-        self.queue: list[Any] = []  # pages that have something to show, in order
+        self.runs: list[Run] = []
+        self.pages: list[Follower] = []
         self._scene: tuple[object, Scene] | None = None
         self.findings: Findings | None = None
         self.checked: str | None = None
@@ -140,12 +148,6 @@ class Workplace:
         """Give the text another file in the folder, and write it. Raises InputError; the text keeps its file then."""
         self._write(self._permitted(self.folder / name), replace=False)
 
-    @property
-    def changed_on_disk(self) -> bool:
-        """Whether another program has changed the file since it was read or saved."""
-        present = self._read()
-        return present != self.on_disk and present != self.text
-
     def reload(self) -> None:
         """Take the text of the file; the present one can be returned to by undo."""
         self.on_disk = self._read()
@@ -171,13 +173,27 @@ class Workplace:
 
     def run(self, text: str, agreed: Collection[str] = ()) -> Run:
         """Start a run of a text. agreed: SHA-256 of the Python files that the user has allowed. Raises InputError."""
+        name, above = data_of(text).get("name", "run"), self.root / "runs"
+        name = name if isinstance(name, str) and name.replace("_", "").replace("-", "").isalnum() else "run"
+        if not self.allow_outside and not inside(above, self.root):
+            raise InputError(
+                f"{above}: is a link to {above.resolve()}, outside the folder in which the command was started; remove "
+                "the link, or add --allow-outside"
+            )
+        taken = {run.folder for run in self.runs}  # also of runs that have not made their folder yet
+        folders = (above / f"{name}-{n}" for n in count(1))
+        free = next(folder for folder in folders if folder not in taken and not os.path.lexists(folder))
+        drawn = self.scene if text == self.text else scene(text, self.folder, self.allow_outside)
+        run = Run(len(self.runs) + 1, free, text, self.runs[-1].text if self.runs else None, drawn)
         flags = ["--allow-outside"] * self.allow_outside + ["--allow-code"] * self.allow_code
-        flags += [word for digest in agreed for word in ("--allow-sha256", digest)]
-        run = self.runs.start(text, self.folder, flags)
-        same = text == self.text
-        run.scene = self.scene if same else scene(text, self.folder, self.allow_outside)
+        run.start(self.folder, self.root, flags + [w for sha in agreed for w in ("--allow-sha256", sha)])
+        self.runs.append(run)
         self._notify()
         return run
+
+    def run_of(self, number: int) -> Run | None:
+        """Return the run with a number; None if there is none."""
+        return self.runs[number - 1] if 1 <= number <= len(self.runs) else None
 
     def check(self, text: str | None = None) -> tuple[str, Findings]:
         """Check a text, by default the present one; return the text and its findings. May run in another thread."""
@@ -240,10 +256,12 @@ class Workplace:
 
     def watch(self) -> None:
         """Read the states of the runs; pages show what has changed."""
-        if self.runs.poll():
-            for watcher in list(self.watchers):
-                watcher()
+        running = [run for run in self.runs if run.wall is None]
+        for run in running:
+            run.poll()
+        if running:
+            self._notify(runs_alone=True)
 
-    def _notify(self) -> None:
-        for listener in list(self.listeners):
-            listener()
+    def _notify(self, runs_alone: bool = False) -> None:
+        for page in list(self.pages):
+            page.follow(runs_alone)

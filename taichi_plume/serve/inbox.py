@@ -13,7 +13,7 @@ Messages of the last three kinds have no effect. All methods are thread-safe.
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -28,6 +28,13 @@ PER_ROBOT = 64  # bytes per robot
 IN_JSON = 8  # largest ratio of the lengths in JSON and CDR
 DOMAIN = MapFrame()
 UNNUMBERED = 0  # number of commands without a sequence number, such as those of ROS
+
+NEEDED = {"poses": ("x", "y", "heading"), "velocities": ("speed", "turn_rate")}
+FLOWN = {"poses": ("z",), "velocities": ("left", "climb")}
+"""Fields of `Commands` that a group takes, and those that drones may take too."""
+DECLARED = ("declared_x", "declared_y")
+ORDERS = (*NEEDED["poses"], *NEEDED["velocities"], "z", "left", "climb", *DECLARED)
+LARGEST = float(np.finfo(np.float32).max)
 
 RosMessage: TypeAlias = Any
 """Decoded ROS message, with the fields of its type."""
@@ -104,106 +111,78 @@ class Inbox:
             self.remark(f"{self.group}: {what} messages: {count:,}, the last one: {why}")
 
     def _take_commands(self, given: RosMessage) -> None:
-        robots = given.robot.astype(np.int64)
+        robots, fields = given.robot.astype(np.int64), vars(given)
         if not len(robots):
             raise MalformedError("its field 'robot' is empty; give robot numbers")
         if robots.max() >= self.size:
             raise MalformedError(f"robot {robots.max()} does not exist; allowed: 0 to {self.size - 1}")
         if given.tick > self.tick:
             raise MalformedError(f"answers readings of tick {given.tick}, the newest are of {self.tick}")
-        if self.placed and len(given.speed) and not len(given.x):
-            raise MalformedError("velocities, but the group takes poses")
-        if not self.placed and len(given.x) and not len(given.speed):
-            raise MalformedError("poses, but the group takes velocities")
-        if self.placed:
-            place = self._columns(given, "x", "y", "heading")
-            self._require_inside(place[:, :2])
-            values = {"position": place[:, :2], "heading": place[:, 2]} | self._flown(given, "z")
-        else:
-            speeds = self._columns(given, "speed", "turn_rate")
-            values = {"speed": speeds[:, 0], "turn_rate": speeds[:, 1]}
-            values |= self._flown(given, "left") | self._flown(given, "climb")
-        declared = None
-        if len(given.declared_x) or len(given.declared_y):
-            declared = self._columns(given, "declared_x", "declared_y", finite=False)
-        self._take(robots, values, given.number, given.tick, declared)
+        self._take(robots, {name: fields[name] for name in ORDERS}, given.number, given.tick)
 
     def _take_twist(self, n: int, twist: RosMessage) -> None:
-        if self.placed:
-            raise MalformedError("a velocity, but the group takes poses")
-        speeds = np.array([[twist.linear.x, twist.angular.z, twist.linear.y, twist.linear.z]])
-        if not np.isfinite(speeds.astype(np.float32)).all():
-            raise MalformedError("linear or angular.z is no number")
-        values = {"speed": speeds[:, 0], "turn_rate": speeds[:, 1]}
-        values |= self._in_the_air("left", speeds[:, 2]) | self._in_the_air("climb", speeds[:, 3])
-        self._take(np.array([n]), values, UNNUMBERED, 0)
+        linear = {"speed": [twist.linear.x], "left": [twist.linear.y], "climb": [twist.linear.z]}
+        self._take(np.array([n]), {**linear, "turn_rate": [twist.angular.z]})
 
     def _take_pose(self, n: int, stamped: RosMessage) -> None:
-        if not self.placed:
-            raise MalformedError("a pose, but the group takes velocities")
-        pose, frame = stamped.pose, ros.plain_name(stamped.header.frame_id)
+        at, frame = stamped.pose.position, ros.plain_name(stamped.header.frame_id)
         if frame not in ("", self.frame.name):
             raise MalformedError(f"a pose in frame '{visible(frame)}'; allowed: {self.frame.name}")
-        place = np.array([[pose.position.x, pose.position.y]]) - self.frame.corner
-        heading = np.array([ros.yaw(pose.orientation)])
-        if not np.isfinite(place).all() or not np.isfinite(heading).all():
-            raise MalformedError("position or orientation is no number")
-        sent = f"; sent as ({pose.position.x:.4g}, {pose.position.y:.4g}) m of frame {self.frame.name}"
-        self._require_inside(place, sent if any(self.frame.corner) else "")
-        values = {"position": place, "heading": heading}
-        if self.ceiling is not None:
-            height = np.array([pose.position.z])
-            if not np.isfinite(height).all():
-                raise MalformedError("position.z is no number")
-            values |= self._in_the_air("z", height)
-        self._take(np.array([n]), values, UNNUMBERED, 0)
+        x, y = self.frame.corner
+        values = {"x": [at.x - x], "y": [at.y - y], "heading": [ros.yaw(stamped.pose.orientation)]}
+        height = {} if self.ceiling is None else {"z": [at.z]}
+        sent = f"; sent as ({at.x:.4g}, {at.y:.4g}) m of frame {self.frame.name}" if x or y else ""
+        self._take(np.array([n]), values | height, sent=sent)
 
-    def _flown(self, given: RosMessage, name: str) -> dict[str, np.ndarray]:
-        """Return the orders in field `name` for drones, empty if the message lacks the field. Raises MalformedError."""
-        if not len(vars(given)[name]):
-            return {}
-        return self._in_the_air(name, self._columns(given, name)[:, 0])
+    def _columns(self, robots: np.ndarray, fields: Mapping[str, Any]) -> dict[str, np.ndarray]:
+        """Return the values of the given fields, each with an entry per robot. Raises MalformedError."""
+        own, other = ("poses", "velocities") if self.placed else ("velocities", "poses")
+        given = {name for name, values in fields.items() if len(values)}
+        if given.intersection(NEEDED[other]) and not given.intersection(NEEDED[own]):
+            raise MalformedError(f"{other}, but the group takes {own}")
+        taken = given.intersection(FLOWN[own]).union(NEEDED[own], DECLARED if given & {*DECLARED} else ())
+        columns: dict[str, np.ndarray] = {}
+        for name in sorted(taken):
+            columns[name] = values = np.array(fields[name], float)
+            if len(values) != len(robots):
+                raise MalformedError(f"{name} has {len(values)} entries, robot has {len(robots)}")
+            wrong = np.abs(values) > LARGEST if name in DECLARED else ~(np.abs(values) <= LARGEST)
+            if wrong.any():
+                raise MalformedError(f"{name} of robot {robots[wrong.argmax()]} is no number")
+        return columns
 
-    def _in_the_air(self, name: str, values: np.ndarray) -> dict[str, np.ndarray]:
-        """Return `values` as orders of field `name` for drones; ground robots take only 0. Raises MalformedError."""
-        if self.ceiling is None:
-            if values.any():
+    def _orders_in(self, columns: dict[str, np.ndarray], sent: str) -> dict[str, np.ndarray]:
+        """Return orders by the fields of `Orders`; sent: end of the text about a position. Raises MalformedError."""
+        orders = {name: columns[name] for name in ("speed", "turn_rate", "heading") if name in columns}
+        if self.placed:
+            orders["position"] = places = np.column_stack([columns["x"], columns["y"]])
+            outside = ((places < self.low) | (places > self.high)).any(axis=1)
+            if outside.any():
+                x, y = places[outside.argmax()]
+                edges = zip("xy", self.low, self.high, strict=True)
+                floor = ", ".join(f"{axis} {low:.4g} to {high:.4g} m" for axis, low, high in edges)
+                raise MalformedError(f"({x:.4g}, {y:.4g}) m is not on the floor, {floor} of the domain{sent}")
+        for name in ("left", "climb", "z"):
+            values = columns.get(name, np.zeros(0))
+            if self.ceiling is None and values.any():
                 raise MalformedError(f"{name} is for drones, the group's robots do not fly")
-            return {}
-        if name == "z" and ((values < 0.0) | (values > self.ceiling)).any():
-            raise MalformedError(f"z is not between the floor and the ceiling, {self.ceiling:g} m")
-        return {"altitude" if name == "z" else name: values}
-
-    def _columns(self, given: RosMessage, *names: str, finite: bool = True) -> np.ndarray:
-        """Return the fields `names` of a message with an entry per robot, (robots, names). Raises MalformedError."""
-        count, fields = len(given.robot), vars(given)
-        for name in names:
-            if len(fields[name]) != count:
-                raise MalformedError(f"{name} has {len(fields[name])} entries, robot has {count}")
-        values = np.column_stack([fields[name] for name in names]).astype(float)
-        wrong = np.isinf(values) | (np.isnan(values) if finite else False)
-        if wrong.any():
-            n, column = np.argwhere(wrong)[0]
-            raise MalformedError(f"{names[column]} of robot {given.robot[n]} is no number")
-        return values
-
-    def _require_inside(self, places: np.ndarray, sent: str = "") -> None:
-        """Raise MalformedError if one of these positions (n, 2) [m] is off the floor; sent: end of its text."""
-        outside = ((places < self.low) | (places > self.high)).any(axis=1)
-        if outside.any():
-            x, y = places[outside.argmax()]
-            edges = zip("xy", self.low, self.high, strict=True)
-            floor = ", ".join(f"{axis} {low:.4g} to {high:.4g} m" for axis, low, high in edges)
-            raise MalformedError(f"({x:.4g}, {y:.4g}) m is not on the floor, {floor} of the domain{sent}")
+            if name == "z" and ((values < 0.0) | (values > (self.ceiling or 0.0))).any():
+                raise MalformedError(f"z is not between the floor and the ceiling, {self.ceiling:g} m")
+            if self.ceiling is not None and len(values):
+                orders["altitude" if name == "z" else name] = values
+        return orders
 
     def _take(
         self,
         robots: np.ndarray,
-        values: dict[str, np.ndarray],
-        number: int,
-        tick: int,
-        declared: np.ndarray | None = None,
+        fields: Mapping[str, Any],
+        number: int = UNNUMBERED,
+        tick: int = 0,
+        sent: str = "",
     ) -> None:
+        """Take the command of fields with an entry per robot, unless the command is late. Raises MalformedError."""
+        columns = self._columns(robots, fields)
+        orders = self._orders_in(columns, sent)
         with self.news:
             now = self.clock()
             gone = now - self.heard[robots] > self.timeout  # a lost robot's client may restart its numbers
@@ -211,9 +190,10 @@ class Inbox:
             outrun = number != UNNUMBERED and number <= newest
             if not outrun and not (tick != 0 and tick < self.oldest):
                 self.counts["taken"] += 1
-                for name, given in values.items():
+                for name, given in orders.items():
                     getattr(self._orders, name)[robots] = given
-                if declared is not None:
+                if "declared_x" in columns:
+                    declared = np.column_stack([columns[name] for name in DECLARED])
                     complete = np.isfinite(declared).all(axis=1)
                     self._orders.declared[robots[complete]] = declared[complete]
                 self.heard[robots], self.number[robots] = now, number

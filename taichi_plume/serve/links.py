@@ -1,17 +1,12 @@
 """Protocols of the transports (zenoh, WebSocket), which all carry the same bytes (CDR) under the same topics."""
 
-from collections.abc import Mapping
-from typing import Protocol
+from collections.abc import Callable, Mapping
+from typing import Protocol, TypeAlias
 
 from taichi_plume.guard.input_error import InputError
 
-
-class Hear(Protocol):
-    """Protocol of a receiver of the messages of a topic."""
-
-    def __call__(self, data: bytes, json: bool = False) -> None:
-        """Process a message, encoded in CDR or, with `json`, in JSON."""
-        ...
+Hear: TypeAlias = Callable[..., None]
+"""Receiver of the messages of a topic: called with a message, encoded in CDR or, with `json=True`, in JSON."""
 
 
 class LinkError(InputError):

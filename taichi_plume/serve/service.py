@@ -102,12 +102,12 @@ class Outside:
         orders = self.inbox.orders()
         self.algorithm.order(orders, t)
         lost = orders.state == LOST
-        gone, back = np.flatnonzero(lost & ~self.lost), np.flatnonzero(self.lost & ~lost)
-        self.lost, self.times_lost = lost, self.times_lost + len(gone)
+        news = {"lost: no command received, standing still": lost & ~self.lost, "back": self.lost & ~lost}
+        self.lost, self.times_lost = lost, self.times_lost + int((lost & ~self.lost).sum())
         return [
-            f"t = {t:.1f} s: {_named(self.name, robots)} {what}"
-            for robots, what in ((gone, "lost: no command received, standing still"), (back, "back"))
-            if len(robots)
+            f"t = {t:.1f} s: {_named(self.name, np.flatnonzero(robots))} {what}"
+            for what, robots in news.items()
+            if robots.any()
         ]
 
 
@@ -288,14 +288,12 @@ class Service:
     # ------------------------------------------------------------ summary
 
     def summary(self) -> dict[str, object]:
-        taking = 1e3 * np.array(self.taking or [np.nan])
         p50, p99 = (
-            round(float(ms), 3) if np.isfinite(ms) else None for ms in np.percentile(taking, [50, 99])
+            np.percentile(1e3 * np.array(self.taking), [50, 99]).round(3) if self.taking else (None, None)
         )
+        kinds = ("taken", "malformed", "oversized", "late")
         groups = {
-            group.name: {
-                name: group.inbox.counts[name] for name in ("taken", "malformed", "oversized", "late")
-            }
+            group.name: {kind: group.inbox.counts[kind] for kind in kinds}
             | {"times_lost": group.times_lost, "never_heard": int(group.inbox.awaited().sum())}
             for group in self.groups
         }

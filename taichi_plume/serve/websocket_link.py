@@ -14,7 +14,6 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Collection, Mapping
-from concurrent.futures import Future
 from hmac import compare_digest
 from http import HTTPStatus
 from typing import NamedTuple, TypeVar
@@ -35,6 +34,7 @@ T = TypeVar("T")
 MOST_CLIENTS = 32
 MOST_CHANNELS = 1024  # channels on which a client publishes
 LONGEST_NAME = 256  # characters of a topic or an encoding
+KINDS = {int: "a whole number", str: f"a text of at most {LONGEST_NAME} characters", list: "a list"}
 LONGEST_TEXT = 1 << 20  # characters of a control message
 MOST_BUFFERED = 1 << 22  # bytes not yet taken by a client; further messages to the client are dropped
 CLOSE_S = 1.0
@@ -78,22 +78,21 @@ class WebSocketLink:
         self._advertised: dict[int, Channel] = {}  # from here on: used by the server's thread
         self._clients: set[ServerConnection] = set()
         self._loop = asyncio.new_event_loop()
-        started: Future[int] = Future()
-        self._thread = threading.Thread(target=self._run, args=(port, started), daemon=True)
-        self._thread.start()
         try:
-            self.port = started.result()
+            self._server = self._loop.run_until_complete(self._opened(port))
         except (OSError, OverflowError) as error:
+            self._loop.close()
             raise LinkError(f"127.0.0.1:{port}: cannot be opened ({error})") from None
+        self.port = self._server.sockets[0].getsockname()[1]
+        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
+        self._thread.start()
 
     # ------------------------------------------------------------ thread of the clock
 
     def listen(self, incoming: Mapping[str, Hear], stray: Hear) -> None:
-        """Pass each incoming message to the receiver of its topic, and messages of other topics to `stray`."""
         self.stray, self.incoming = stray, incoming
 
     def wants(self, topic: str, name: str) -> bool:
-        """Return whether a client has subscribed to a topic of ROS type `name`; the first call advertises the topic."""
         channel = self._channels.get(topic)
         if channel is None:
             number = len(self._channels) + 1
@@ -111,41 +110,35 @@ class WebSocketLink:
         self._call(self._broadcast, struct.pack("<BQ", TIME, round(1e9 * max(0.0, t))))
 
     def close(self) -> None:
-        self._call(self._stop.set)
+        self._call(lambda: self._loop.create_task(self._closed()))
         self._thread.join(2 * CLOSE_S)
+        if not self._thread.is_alive():
+            self._loop.close()
 
     def _call(self, function: Callable[..., object], *args: object) -> None:
-        if not self._loop.is_closed():
+        if self._thread.is_alive():
             self._loop.call_soon_threadsafe(function, *args)
 
     # ------------------------------------------------------------ thread of the server
 
-    def _run(self, port: int, started: "Future[int]") -> None:
-        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
-            runner.run(self._serve(port, started))
+    async def _opened(self, port: int) -> Server:
+        return await serve(
+            self._attend,
+            "127.0.0.1",
+            port,
+            process_request=self._check,
+            subprotocols=[PROTOCOL],
+            compression=None,
+            max_size=LONGEST,
+            close_timeout=CLOSE_S,
+            server_header=None,
+            logger=logging.Logger("websocket", logging.CRITICAL + 1),  # clients cannot fill the terminal
+        )
 
-    async def _serve(self, port: int, started: "Future[int]") -> None:
-        self._stop = asyncio.Event()
-        try:
-            server = await serve(
-                self._attend,
-                "127.0.0.1",
-                port,
-                process_request=self._check,
-                subprotocols=[PROTOCOL],
-                compression=None,
-                max_size=LONGEST,
-                close_timeout=CLOSE_S,
-                server_header=None,
-                logger=logging.Logger("websocket", logging.CRITICAL + 1),  # clients cannot fill the terminal
-            )
-        except Exception as error:
-            started.set_exception(error)
-            return
-        self._server: Server = server
-        async with server:
-            started.set_result(server.sockets[0].getsockname()[1])
-            await self._stop.wait()
+    async def _closed(self) -> None:
+        self._server.close()
+        await self._server.wait_closed()
+        self._loop.stop()
 
     def _check(self, connection: ServerConnection, request: Request) -> Response | None:
         """Return the response that refuses a WebSocket handshake, or None to accept it."""
@@ -216,22 +209,23 @@ class WebSocketLink:
         given = given if isinstance(given, dict) else {}
         match given.get("op"):
             case "subscribe":
-                for item in _list(given, "subscriptions", dict):
-                    self._subscribe(client, _whole(item, "id"), _whole(item, "channelId"))
+                for item in _field(given, "subscriptions", list):
+                    self._subscribe(client, _field(item, "id", int), _field(item, "channelId", int))
             case "unsubscribe":
-                gone = set(_list(given, "subscriptionIds", int))
+                gone = _field(given, "subscriptionIds", list)
                 for channel in self._advertised.values():
                     if channel.subscribers.get(client) in gone:
                         del channel.subscribers[client]
             case "advertise":
-                for item in _list(given, "channels", dict):
-                    channel_id, encoding = _whole(item, "id"), _name_of(item, "encoding")
+                for item in _field(given, "channels", list):
+                    channel_id, encoding = _field(item, "id", int), _field(item, "encoding", str)
                     if len(published) >= MOST_CHANNELS and channel_id not in published:
                         raise ClientError(f"channels: at most {MOST_CHANNELS:,} can be advertised")
-                    published[channel_id] = _name_of(item, "topic").strip("/"), encoding == "json"
+                    published[channel_id] = _field(item, "topic", str).strip("/"), encoding == "json"
             case "unadvertise":
-                for channel_id in _list(given, "channelIds", int):
-                    published.pop(channel_id, None)
+                gone = _field(given, "channelIds", list)
+                for channel_id in [number for number in published if number in gone]:
+                    del published[channel_id]
             case other:
                 raise ClientError(f"op: {visible(other, LONGEST_VALUE)} is not supported")
 
@@ -290,22 +284,9 @@ def _status(level: int, message: str) -> str:
     return json.dumps({"op": "status", "level": level, "message": message})
 
 
-def _list(given: dict[str, object], key: str, kind: type[T]) -> list[T]:
-    values = given.get(key)
-    if not isinstance(values, list) or not all(type(value) is kind for value in values):
-        raise ClientError(f"{key}: takes a list of {'objects' if kind is dict else 'whole numbers'}")
-    return values
-
-
-def _whole(given: dict[str, object], key: str) -> int:
-    value = given.get(key)
-    if type(value) is not int:
-        raise ClientError(f"{key}: takes a whole number")
-    return value
-
-
-def _name_of(given: dict[str, object], key: str) -> str:
-    value = given.get(key)
-    if not isinstance(value, str) or len(value) > LONGEST_NAME:
-        raise ClientError(f"{key}: takes a text of at most {LONGEST_NAME} characters")
+def _field(given: object, key: str, kind: type[T]) -> T:
+    """Return the value of a key of a control message or of its items. Raises ClientError."""
+    value = given.get(key) if isinstance(given, dict) else None
+    if type(value) is not kind or (isinstance(value, str) and len(value) > LONGEST_NAME):
+        raise ClientError(f"{key}: takes {KINDS[kind]}")
     return value

@@ -198,7 +198,7 @@ def test_an_error_of_the_server_is_a_line_without_the_token(capsys):
     from taichi_plume.draw.server import Log
 
     log = Log(debug=False)
-    log.start()
+    log.take_over()
     try:
         raise ValueError("odd\nvalue")
     except ValueError:
@@ -206,7 +206,7 @@ def test_an_error_of_the_server_is_a_line_without_the_token(capsys):
             "GET /?token=abc (127.0.0.1)\nHTTPServerRequest(...)"
         )
     finally:
-        log.stop()
+        log.take_over(end=True)
     assert capsys.readouterr().err == "GET /?... (127.0.0.1): ValueError: odd\\nvalue\n"
 
 

@@ -75,7 +75,7 @@ robots:
 """
     of = scene(text, Path())
     assert of.thing("obstacles[0]").part is None
-    assert of.thing("obstacles[0]").place == (1, 2)
+    assert of.thing("obstacles[0]").place() == (1, 2)
     assert of.thing("obstacles[1]").part is not None
     assert of.thing("robots[0]").part is not None, "a misspelt algorithm does not hide the robots"
     assert scene("a: [", Path()).things == ()
@@ -161,7 +161,7 @@ def test_a_mistake_is_shown_at_its_object(base, changes, expected, tmp_path, mon
             r"wind\.buoyancy\.heat\.walls|gas(?:\.parts\[\d+\])?\.(?:sources|releases))\[\d+\]",
             path[0] if path else "",
         )
-        owner = remark.owner(of)
+        owner = of.owner(remark.path)
         items = data
         if named is not None and item_exists(items, named[0]):
             assert owner == named[0], remark.line

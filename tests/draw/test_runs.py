@@ -51,7 +51,7 @@ def place(folder: Path, text: str = TEXT, **permissions) -> Workplace:
 
 def ended(work: Workplace, run):
     def poll():
-        work.runs.poll()
+        work.watch()
         return run.wall is not None
 
     until(poll)
@@ -82,7 +82,7 @@ def test_a_run_is_that_of_the_command_and_is_seen_as_it_goes(tmp_path):
     third = work.run(work.text)
     for other in (again, third):
         assert ended(work, other).state == "completed"
-    assert [other.folder.name for other in work.runs.listed] == ["small-3", "small-2", "small-1"]
+    assert [other.folder.name for other in work.runs] == ["small-1", "small-2", "small-3"]
     assert third.row()["changed"] == "duration: 6 → 5"
     assert third.row()["simulated"] == "5 s"
     assert " of 2 robots" in run.row()["found"]
@@ -97,7 +97,7 @@ def test_the_list_names_success_and_counts_robots(tmp_path, found, words):
     model = made_run.scenario()
     result = made_run.result(model, status="stopped", message="t = 8 s")
     result["groups"][0]["per_trial"]["found"] = [found]
-    run = Run(1, made_run.made(tmp_path / "run", model, recording=False, content=result), "", "")
+    run = Run(1, made_run.made(tmp_path / "run", model, recording=False, content=result), "")
     assert (run.row()["state"], run.row()["found"]) == (words, f"pair: {found} of 2 robots, the first in 8 s")
 
 
@@ -107,7 +107,7 @@ def test_a_run_is_stopped_as_by_ctrl_c(tmp_path):
     run = work.run(work.text)
 
     def runs():
-        work.runs.poll()
+        work.watch()
         return run.state == "running"
 
     until(runs)
@@ -161,15 +161,15 @@ def test_a_run_outlives_a_server_that_is_killed(tmp_path):
 
 
 def test_a_run_is_not_written_through_links(tmp_path, monkeypatch):
-    from taichi_plume.draw.runs import Run
-
     victim, outside, inner = tmp_path / "victim", tmp_path / "outside", tmp_path / "inner"
     victim.write_text("mine")
     outside.mkdir()
     inner.mkdir()
     started = []
-    monkeypatch.setattr(Run, "start", lambda run, scenario, root, flags: started.append(run))
-    (inner / f".small.run-{os.getpid()}-1.yaml").symlink_to(victim)
+    alive = SimpleNamespace(poll=lambda: None)
+    monkeypatch.setattr(subprocess, "Popen", lambda command, **_: started.append(command) or alive)
+    monkeypatch.setattr("taichi_plume.draw.runs.secrets.token_hex", lambda _: "0123abcd")
+    (inner / ".small-1.run-0123abcd.yaml").symlink_to(victim)
     work = place(inner)
     run = work.run(TEXT)
     assert victim.read_text() == "mine"
@@ -198,19 +198,8 @@ def test_stopping_the_command_asks_while_runs_are_alive(monkeypatch, tmp_path, c
         def isatty(self):
             return True
 
-    class Run:
-        stopped = False
-
-        def stop(self):
-            self.stopped = True
-
-    class Runs:
-        alive = (Run(),)
-
-    class Place:
-        root, runs = tmp_path, Runs()
-
-    service: Any = SimpleNamespace(workplace=Place())
+    run = SimpleNamespace(alive=True, stop=lambda: stopped.append(run))
+    service: Any = SimpleNamespace(workplace=SimpleNamespace(root=tmp_path, runs=[run]))
 
     for answer, ends, stops in (
         ("", False, False),
@@ -219,9 +208,9 @@ def test_stopping_the_command_asks_while_runs_are_alive(monkeypatch, tmp_path, c
         ("s", True, True),
     ):
         monkeypatch.setattr(sys, "stdin", Terminal(f"{answer}\n"))
-        event = asyncio.Event()
+        event, stopped = asyncio.Event(), []
         _asked(service, signal.SIGINT, event)
-        assert (event.is_set(), Runs.alive[0].stopped) == (ends, stops)
+        assert (event.is_set(), bool(stopped)) == (ends, stops)
     assert "1 run is alive" in capsys.readouterr().err
     event = asyncio.Event()
     _asked(service, signal.SIGTERM, event)

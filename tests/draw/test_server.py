@@ -27,7 +27,7 @@ async def visited(place: Workplace, count: int) -> None:
         for _ in range(count):
             await AsyncHTTPClient().fetch(f"http://127.0.0.1:{service.port}/", headers=headers)
         async with asyncio.timeout(PATIENCE):
-            while place.listeners:
+            while place.pages:
                 place._notify()
                 await asyncio.sleep(0.1)
         await asyncio.sleep(0.1)
@@ -45,4 +45,4 @@ def test_pages_of_closed_tabs_are_freed(tmp_path, monkeypatch):
     asyncio.run(visited(place, 2))
     gc.collect()
     assert [page() for page in pages] == [None, None]
-    assert (place.listeners, place.watchers, place.queue) == ([], [], [])
+    assert place.pages == []

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from test_document import CONFIGS, ROOT
@@ -73,7 +74,6 @@ def test_comments_stay_when_an_obstacle_is_moved_and_saved(place):
 def test_a_file_that_another_program_changed_is_not_overwritten(place):
     place.put(edited(place))
     place.file.write_text(ROOM.replace("seed: 2", "seed: 7"))
-    assert place.changed_on_disk
     with pytest.raises(FileChangedError):
         place.save()
     assert "seed: 7" in place.file.read_text()
@@ -281,7 +281,7 @@ def full(path: Path, _: bytes) -> None:
 
 def test_a_draft_that_cannot_be_written_is_reported_and_written_later(place, tmp_path, monkeypatch):
     faults = []
-    place.listeners.append(lambda: faults.append(place.drafts.fault))
+    place.pages.append(SimpleNamespace(follow=lambda _: faults.append(place.drafts.fault)))
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", full)
         place.put(edited(place))
@@ -385,8 +385,3 @@ def test_findings_of_an_earlier_text_are_not_taken(place):
     assert place.findings is None
     place.found(*place.check())
     assert place.findings.sound
-
-
-def test_the_draft_stands_beside_the_file(place):
-    place.put(edited(place))
-    assert place.drafts.own.path.parent == place.folder

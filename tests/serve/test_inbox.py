@@ -218,9 +218,7 @@ def test_messages_of_ros(velocities, poses, lines):
     poses.hear_pose(1, ros.encode(ros.message("geometry_msgs/msg/PoseStamped")))  # its quaternion is none
     poses.hear_twist(1, ros.encode(twist))
     velocities.hear_pose(1, ros.encode(ros.message("geometry_msgs/msg/PoseStamped", pose=pose)))
-    for line, fault in zip(
-        lines, ("orientation", "group takes poses", "group takes velocities"), strict=True
-    ):
+    for line, fault in zip(lines, ("heading", "group takes poses", "group takes velocities"), strict=True):
         assert fault in line
 
 
