@@ -3,4 +3,15 @@
 The only package that imports bokeh and tornado (extra ``draw``). `objects` draws a text, `edits` changes the text.
 """
 
-MAY_IMPORT = ("assembly", "execution", "files", "grid", "guard", "observed", "record", "report", "scenario")
+MAY_IMPORT = (
+    "assembly",
+    "execution",
+    "files",
+    "grid",
+    "guard",
+    "observed",
+    "record",
+    "report",
+    "results",
+    "scenario",
+)

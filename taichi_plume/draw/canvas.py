@@ -7,7 +7,15 @@ from typing import Any
 import numpy as np
 from bokeh.core.property.descriptors import UnsetValueError
 from bokeh.core.property.vectorization import value
-from bokeh.models import ColumnDataSource, Label, Range1d, WheelZoomTool
+from bokeh.models import (
+    ColorBar,
+    ColumnDataSource,
+    Label,
+    LinearColorMapper,
+    LogColorMapper,
+    Range1d,
+    WheelZoomTool,
+)
 from bokeh.plotting import figure
 
 from taichi_plume.draw.bodies import Body
@@ -26,6 +34,7 @@ FINE = 200  # pixels along the longer side of a picture, at least half of them
 FONT = "Helvetica, Arial, sans-serif"
 COORDINATES = ("x", "y", "x0", "y0", "x1", "y1", "xs", "ys", "dw", "dh", "width", "height", "image")
 CHOSEN, WRONG, UNLIKELY = "#0b6bcb", theme.ERROR, theme.UNLIKELY
+FADED = 0.3  # opacity of what the room of a run that is seen lacks, over its usual one
 AT_START = 0.15  # opacity of a walker's start while the walker of a run is drawn
 SHAPE = "xs ys color alpha edge width path"
 TEXT = {"text": "text", "text_font": value(FONT), "text_font_size": "11px", "text_align": "center"}
@@ -37,6 +46,7 @@ LAYERS: dict[str, tuple[str, str, dict[str, Any]]] = {
         "patches", SHAPE,
         {"fill_color": "color", "fill_alpha": "alpha", "line_color": "edge", "line_width": "width"},
     ),
+    "trails": ("multi_line", "xs ys color", {"line_color": "color", "line_width": 1.5, "line_alpha": 0.7}),
     "walkers": (
         "patches", "xs ys", {"fill_color": theme.SOLID, "fill_alpha": 0.95, "line_color": theme.SOLID_EDGE}
     ),
@@ -81,6 +91,8 @@ class Canvas:
         self.room: tuple[float, ...] | None = None
         self._fitted = USUAL_SIZE
         self.sight: Instant | None = None
+        self.faded: frozenset[str] = frozenset()
+        """Paths of objects that the room of the run that is seen lacks, or has otherwise."""
         self._beside: tuple[Scene | None, Scene | None, Picture | None] = (None, None, None)
         for name in ("inner_width", "inner_height"):
             self.figure.on_change(name, lambda _attr, _old, _new: self._resized())
@@ -101,6 +113,13 @@ class Canvas:
             text_font_size="12px", background_fill_color="#ffffff", background_fill_alpha=0.9,
         )  # fmt: skip
         self.figure.add_layout(self.note)
+        self.bar = ColorBar(
+            color_mapper=LinearColorMapper(palette=["#ffffff"], low=0.0, high=1.0), visible=False, location="top_right",
+            orientation="horizontal", width=200, height=8, padding=6, margin=4, title_text_font=FONT,
+            major_label_text_font=FONT, background_fill_alpha=0.8, name="bar",
+        )  # fmt: skip
+        self.figure.add_layout(self.bar, "center")
+        self._scale: tuple[object, ...] = ()
 
     def _fill(self, layer: str, rows: Iterable[Any] = ()) -> None:
         """Show rows of values in a layer, in the order of the layer's columns."""
@@ -171,6 +190,8 @@ class Canvas:
             alpha = 0.2  # an area of starts
         if self.sight is not None and isinstance(thing.part, Body) and thing.part.walks:
             alpha = AT_START
+        if thing.path in self.faded and thing.path != chosen:
+            alpha *= FADED
         return alpha if closed else 1.0, edge, width
 
     def _label_place(self, thing: Thing, outlines: Sequence[Outline]) -> Point:
@@ -273,9 +294,9 @@ class Canvas:
         self.sight, self._beside = sight, beside
         seen = sight is not None and of is not None and of.room is not None and self.plane in of.planes
         if not seen or sight is None or of is None or of.room is None:
-            for layer in ("image", "wind", "headings", "robots", "walkers", "earlier"):
+            for layer in ("image", "wind", "trails", "headings", "robots", "walkers", "earlier"):
                 self._fill(layer)
-            self.note.text = ""
+            self.note.text, self.bar.visible = "", False
             return
         bodies = [thing.part for thing in of.things if isinstance(thing.part, Body)]
         self._fill(
@@ -296,19 +317,37 @@ class Canvas:
         self.note.text = ""
         if of.data != present.data:
             dashed = "; dashed: its room" if lines else ""
-            self.note.text = f"Gas, wind and robots: {name}, started before your last changes{dashed}"
+            faded = "; faded: changed since" if self.faded else ""
+            self.note.text = f"Gas, wind and robots: {name}, started before your last changes{dashed}{faded}"
 
     def _show_air(self, sight: Instant, picture: Picture | None, room: tuple[float, ...]) -> None:
         height, width = (n * picture.cell for n in picture.values.shape) if picture is not None else (0, 0)
         self._fill("image", [(_colors(picture), 0.0, 0.0, width, height)] if picture is not None else [])
+        self._show_scale(picture)
         x, y, u, v = sight.wind
         half = 0.5 * ARROW * max(room[:2]) / max(float(np.hypot(u, v).max(initial=0.0)), 1e-9)
         self._fill("wind", np.transpose([x - half * u, y - half * v, x + half * u, y + half * v]))
         x, y, heading = sight.robots
         colors, reach = [theme.robot(n) for n in range(len(x))], 0.03 * max(room[:2])
         ends = x + reach * np.cos(heading), y + reach * np.sin(heading)
+        self._fill("trails", ((*way, color) for way, color in zip(sight.trails, colors, strict=False)))
         self._fill("headings", zip(x, y, *ends, colors, strict=True))
         self._fill("robots", zip(x, y, colors, strict=True))
+
+    def _show_scale(self, picture: Picture | None) -> None:
+        """Show the colours of a picture as a bar with its quantity and unit."""
+        self.bar.visible = picture is not None
+        scale = (picture.quantity, picture.unit, picture.scale) if picture is not None else ()
+        if picture is None or scale == self._scale:
+            return
+        self._scale = scale
+        kind = LogColorMapper if picture.scale.kind == "log" else LinearColorMapper
+        colors = theme.colors_of(picture.unit)(np.arange(256))
+        palette = [
+            f"#{r:02x}{g:02x}{b:02x}" for r, g, b in (255 * colors[:, :3]).round().astype(int).tolist()
+        ]
+        self.bar.color_mapper = kind(palette=palette, low=picture.scale.low, high=picture.scale.high)
+        self.bar.title = picture.quantity + (f" [{picture.unit}]" if picture.unit != "1" else "")
 
     # ---------------------------------------------------------------- pointing
 

@@ -29,6 +29,7 @@ from taichi_plume.draw.drafts import Draft
 from taichi_plume.draw.form_panel import FormPanel
 from taichi_plume.draw.pointer import Pointer
 from taichi_plume.draw.run_panel import RunPanel
+from taichi_plume.draw.time_bar import TimeBar
 from taichi_plume.draw.workplace import FileChangedError, Workplace
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.yaml_text import LineError
@@ -88,6 +89,7 @@ class Page:
         self._left: Draft | None = None  # the draft that the standing question is about
         self._said = workplace.drafts.unreadable
         self.canvases = {ABOVE: Canvas(ABOVE), SIDE: Canvas(SIDE)}
+        self.time = TimeBar(self)
         self.form, self.runs = FormPanel(self), RunPanel(self)
         self._build()
         self.refresh()
@@ -156,7 +158,14 @@ class Page:
         above, side = self.canvases[ABOVE].figure, self.canvases[SIDE].figure
         side.update(height=190, sizing_mode="stretch_width")
         views = column(
-            self.question, self.message, above, side, self.hint, self.size, sizing_mode="stretch_both"
+            self.question,
+            self.message,
+            above,
+            side,
+            self.time.layout,
+            self.hint,
+            self.size,
+            sizing_mode="stretch_both",
         )
         self.text = TextAreaInput(
             max_length=None, sizing_mode="stretch_both", name="yaml",  # type: ignore[arg-type]
@@ -365,6 +374,7 @@ class Page:
     def _run(self) -> None:
         self.tabs.active = 3
         self.choose("")  # handles would lie on the picture of the run
+        self.time.choose(None)
         self.runs.start(self.workplace.text)
 
     def _key(self, name: str) -> None:
@@ -401,10 +411,14 @@ class Page:
         """Show the state of the runs, and of the file."""
         self.runs.refresh()
         sight, run = self.runs.sight, self.runs.run
+        self.time.show(run, sight)
         of = run.scene if run is not None else None
         self.hint.text = self.usage
-        begun = (sight is None) != (self.canvases[ABOVE].sight is None)
+        before = self.canvases[ABOVE].sight is None, self.canvases[ABOVE].faded
+        faded = self.scene.drawn_otherwise(of) if sight is not None and of is not None else ()
+        now = sight is None, frozenset(thing.path for thing in faded)
         for canvas in self.canvases.values():
+            canvas.faded = now[1]
             canvas.show_run(sight, of, self.scene, f"run {self.runs.number}", self.runs.picture)
-        if begun:
-            self._show_remarks()  # walkers are drawn otherwise while a run is seen
+        if now != before:
+            self._show_remarks()  # walkers, and what has changed, are drawn otherwise while a run is seen

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from bokeh.layouts import column, row
-from bokeh.models import Button, ColumnDataSource, Div, InlineStyleSheet, Select
+from bokeh.models import Button, ColumnDataSource, Div, InlineStyleSheet, Select, Span
 from bokeh.plotting import figure
 
 from taichi_plume.draw.document import data_of
@@ -45,6 +45,8 @@ class RunPanel:
         self.plot.outline_line_color = None
         self.plot.grid.grid_line_color = "#e3e7eb"
         self.plot.axis.minor_tick_line_color = None
+        self.now = Span(dimension="height", location=0.0, visible=False, line_color=theme.FAINT)
+        self.plot.add_layout(self.now)
         self.plot.axis.axis_label_text_font_style = "normal"
         self.shown = Select(title="shown run", width=120, visible=False, name="shown")
         self.shown.on_change("value", lambda _attr, _old, new: self._chosen(new))
@@ -68,8 +70,13 @@ class RunPanel:
 
     @property
     def sight(self) -> Instant | None:
-        """State of the shown run at its last moment; None once the run has ended and the text has changed."""
-        run = self.run
+        """State of the shown run at the chosen time.
+
+        Without a choice it is the last; None once the run has ended and the text has changed.
+        """
+        run, t = self.run, self.page.time.t
+        if run is not None and t is not None:
+            return run.moment(t)
         return run.sight if run is not None and (run.alive or run.text == self.page.workplace.text) else None
 
     @property
@@ -119,10 +126,12 @@ class RunPanel:
             return
         self.stop.disabled = not run.alive
         self._show_progress(run)
-        if run.sight is not self._shown:
-            self._shown = run.sight
-            self._show_readings(run.sight)
-            self._show_quantities(run.sight)
+        seen = self.sight or run.sight
+        self._show_clock(seen)
+        if seen is not self._shown:
+            self._shown = seen
+            self._show_readings(seen)
+            self._show_quantities(seen)
         as_asked = run.alive or run.state in ENDED or run.stopping
         lines = [] if as_asked or run.scene is None else map(run.scene.named, run.output)
         self.output.text = "".join(f"<div style='color:#d32f2f'>{escape(line)}</div>" for line in lines)
@@ -138,6 +147,10 @@ class RunPanel:
         why = str(run.result.get("message", "")) if run.state == "stopped" else ""
         words = f"{run.words}: {why}" if why else f"{run.words} {clock}{remaining}"
         self.progress.text = f"{bar} <b>run {run.number}</b> {escape(words)}"
+
+    def _show_clock(self, seen: Instant | None) -> None:
+        self.now.visible = self.page.time.t is not None and seen is not None
+        self.now.location = seen.t if seen is not None else 0.0
 
     def _show_readings(self, sight: Instant | None) -> None:
         times, *readings = sight.readings.T if sight is not None else [np.empty(0)]
@@ -193,4 +206,5 @@ class RunPanel:
     def _chosen(self, number: str) -> None:
         if number.isdecimal() and int(number) != self.number:
             self.number = int(number)
-            self.page.look()
+            run = self.run
+            self.page.time.choose(None if run is None or run.alive else run.recorded[1])

@@ -7,10 +7,14 @@ import subprocess
 import sys
 import tempfile
 import time
+from bisect import bisect_right
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from taichi_plume.draw.document import data_of
 from taichi_plume.draw.objects import Scene, named, names
@@ -23,8 +27,12 @@ from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import read_regular
 from taichi_plume.guard.terminal import visible
 
+if TYPE_CHECKING:
+    from taichi_plume.draw.past import Past
+
 MOST_LINES = 12  # of the command's output that are shown
 MOST_CHANGES = 3  # keys, in the list
+MOST_BYTES = 1 << 27  # of the pictures of a run that goes on
 
 
 class Run:
@@ -45,6 +53,7 @@ class Run:
         self.wall: float | None = None
         self.stopping = False
         self.sight: Instant | None = None
+        self._sights: list[Instant] = []  # of a run that goes on, without trails and readings
         self._result: Mapping[str, Any] | None = None
 
     @property
@@ -125,11 +134,47 @@ class Run:
         """Read the state of the run; after its end, remove the copy of its text."""
         sight = read(self.notes / "watch.npz")
         if sight is not None and (self.sight is None or sight.t != self.sight.t):
-            self.sight = sight
+            self.see(sight)
         if not self.alive and self.wall is None:
             self.wall = time.monotonic() - self.begun
             if self.scenario is not None:
                 self.scenario.unlink(missing_ok=True)
+
+    def see(self, sight: Instant) -> None:
+        """Take the latest state; earlier ones stay to be looked at, every other one once they are too many."""
+        self.sight = sight
+        self._sights.append(sight._replace(trails=(), readings=sight.readings[:0]))
+        if len(self._sights) * sum(of.values.nbytes for of in sight.pictures.values()) > MOST_BYTES:
+            del self._sights[1::2]
+
+    @property
+    def recorded(self) -> tuple[float, float]:
+        """First and last time [s] of which the run shows moments; equal if there is none."""
+        if self.alive or self.wall is None:
+            return (self._sights[0].t, self._sights[-1].t) if self._sights else (0.0, 0.0)
+        times = self.past.times if self.past is not None else np.empty(0)
+        return (float(times[0]), float(times[-1])) if len(times) else (0.0, 0.0)
+
+    @cached_property
+    def past(self) -> "Past | None":
+        """Recorded moments of the run, which has ended; None without such a record."""
+        from taichi_plume.draw.past import Past  # imports xarray
+
+        try:
+            return Past(self.folder)
+        except InputError:
+            return None
+
+    def moment(self, t: float) -> Instant | None:
+        """Return the run at a time [s]: the last moment known until then; None without one."""
+        if not self.alive and self.wall is not None:
+            return self.past.at(t) if self.past is not None else None
+        live, n = self.sight, bisect_right(self._sights, t + 1e-6, key=lambda each: each.t)
+        if live is None or not self._sights:
+            return None
+        seen = self._sights[max(0, n - 1)]
+        until = int(np.searchsorted(live.readings[:, 0], t, side="right"))
+        return seen._replace(readings=live.readings, trails=[way[:, :until] for way in live.trails])
 
     def close(self) -> None:
         """Remove the notes of an ended run; a run that is alive still writes them."""

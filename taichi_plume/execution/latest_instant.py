@@ -6,6 +6,7 @@ and progress. It is replaced about twice a second of wall-clock time; `read` ret
 
 import json
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -42,6 +43,7 @@ class Instant(NamedTuple):
     speed: simulated over wall-clock time; phase: "compiling", "warm-up" or "running". wind: (x, y, u, v) of arrows,
     (4, n); robots: (x, y, heading) of the first trial, (3, robots); readings: time [s] and the readings [ppm] of these
     robots since the start, (samples, 1 + robots). pictures: by name, such as "gas_slice", the sum of the gases first.
+    trails: positions of each robot at the times of the readings until t, (2, n) [m].
     """
 
     t: float
@@ -53,6 +55,7 @@ class Instant(NamedTuple):
     robots: np.ndarray
     readings: np.ndarray
     pictures: dict[str, Picture]
+    trails: Sequence[np.ndarray] = ()
 
 
 class InstantFile:
@@ -70,13 +73,16 @@ class InstantFile:
             [np.arange(group.count * group.trials) < group.count for group in groups] or [np.empty(0, bool)]
         )
         self.readings: list[np.ndarray] = []
+        self.places: list[np.ndarray] = []
         self.every = max(1, (sim.last_tick - sim.tick) // SAMPLES)
 
     def update(self, sim: TimeLoop) -> None:
         """Note the readings, and replace the file unless it has just been written."""
         if sim.swarm.count and sim.tick >= 0 and sim.tick % self.every == 0:
-            readings = sim.swarm.snapshot()["reading_ppm"][self.robots][:MOST_ROBOTS]
+            state = sim.swarm.snapshot()
+            readings = state["reading_ppm"][self.robots][:MOST_ROBOTS]
             self.readings.append(np.concatenate([[sim.t], readings]))
+            self.places.append(state["position"][self.robots, :2].astype(np.float32))
         now = time.monotonic()
         if now >= self.written + PERIOD or sim.finished:
             self.written = now
@@ -99,6 +105,7 @@ class InstantFile:
             "wind": np.concatenate(wind[::-1]).reshape(4, -1).astype(np.float32),
             "robots": robots.astype(np.float32),
             "readings": np.array(self.readings or np.empty((0, 1)), np.float32),
+            "places": np.array(self.places or np.empty((0, 0, 2)), np.float32),
             "pictures": json.dumps({each.name: each.attributes for each in self.variables}),
             **{each.name: each.values(pictures) for each in self.variables},
         }
@@ -122,6 +129,7 @@ def read(path: Path) -> Instant | None:
                 name: Picture(of["quantity"], of["units"], Scale.of(of), of["cell"][0], file[name])
                 for name, of in json.loads(str(file["pictures"])).items()
             }
-            return Instant(t, end, done, speed, str(file["phase"]), wind, robots, readings, pictures)
+            trails = list(np.moveaxis(file["places"], 0, -1))
+            return Instant(t, end, done, speed, str(file["phase"]), wind, robots, readings, pictures, trails)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, BadZipFile):
         return None

@@ -220,3 +220,25 @@ def test_an_open_page_says_so_when_its_server_is_killed_and_the_text_is_there_ag
         again.picture("y_question")
         again.changed(lambda: again.press("Yes"))
         assert again.yaml == mine
+
+
+def test_a_run_is_looked_at_in_time(visit, tmp_path):
+    (tmp_path / "room.yaml").write_text(ROOM.replace("duration: ", "duration: 12 # "))
+    page = visit("room.yaml")
+    page.press("▶ Run")
+    page.until(lambda: "completed" in page.text_of("progress"), 180)
+    page.press("▶ play")
+    page.until(lambda: 3 < page.text_of("time") < 11)
+    page.picture("t_playing")
+    page.press("❚❚ pause")
+    page.page.wait_for_timeout(500)
+    at = page.text_of("time")
+    page.page.wait_for_timeout(1000)
+    assert page.text_of("time") == at < 12
+    page.changed(lambda: page.drag((2.75, 1.9), (3.2, 1.6)))
+    page.page.wait_for_timeout(500)
+    page.picture("t_edited")
+    page.press("latest")
+    page.page.wait_for_timeout(500)
+    page.picture("t_latest")
+    assert page.errors == []

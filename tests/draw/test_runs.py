@@ -238,9 +238,9 @@ def test_a_file_that_is_damaged_is_not_read(tmp_path):
         ("t", "end", "done", "speed", "phase", "wind", "robots", "readings"), 1.0
     )
     for pictures in ("[]", "{", '{"a": {}}', '{"a": 1}'):
-        np.savez(tmp_path / "pictures.npz", **whole, pictures=np.array(pictures))
+        np.savez(tmp_path / "pictures.npz", **whole, places=np.empty((0, 0, 2)), pictures=np.array(pictures))
         assert latest_instant.read(tmp_path / "pictures.npz") is None
-    np.savez(tmp_path / "pictures.npz", **whole, pictures=np.array("{}"))
+    np.savez(tmp_path / "pictures.npz", **whole, places=np.empty((0, 0, 2)), pictures=np.array("{}"))
     assert latest_instant.read(tmp_path / "pictures.npz").pictures == {}
 
 

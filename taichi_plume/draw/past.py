@@ -1,0 +1,87 @@
+"""Moments of a run from the files in its folder, in the form in which `latest_instant` has the last one."""
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from taichi_plume.execution.latest_instant import Instant, Picture
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.observed.scales import Scale
+from taichi_plume.results import pictures
+from taichi_plume.results.run import Run
+from taichi_plume.results.tracks import ABOVE, Track, tracks
+
+HERE = "slice"  # the plane that is shown: the first horizontal one
+
+
+class Past:
+    """Recorded moments of a run. times: of the pictures [s]; they end with the data on the disk. Raises InputError."""
+
+    def __init__(self, folder: Path):
+        try:
+            self.run = Run(folder, lenient=True)
+            self._names = [name for name in pictures.picture_names(self.run) if name.endswith(f"_{HERE}")]
+            stored = self.run.has("pictures.zarr")
+            self.times = np.asarray((self.run.pictures if stored else self.run.fields).time.values)
+            self._blown = np.asarray((self.run.winds if stored else self.run.fields).time.values)
+            self.tracks = tracks(folder / "robots.parquet", self.run.scenario.robots)
+        except (InputError, OSError) as error:
+            raise InputError(f"{folder.name}: shows no moments: {error}") from None
+        self.at = lru_cache(maxsize=4)(self._at)
+        """Return the moment at a time [s]: of each quantity the last that was recorded until then."""
+
+    def _at(self, t: float) -> Instant:
+        end = self.run.scenario.duration
+        return Instant(
+            t, end, min(1.0, max(0.0, t / end)), 0.0, "warm-up" if t < 0 else "running", self._wind(t),
+            self._robots(t), self.readings, self._pictures(t), [_way(each, t) for each in self.tracks],
+        )  # fmt: skip
+
+    def _pictures(self, t: float) -> dict[str, Picture]:
+        seen = pictures.pictures(self.run, self._names, _last(self.times, t))
+        found = {}
+        for name, of in seen.data_vars.items():
+            about = of.attrs
+            values = of.values[-1].astype(np.float32)
+            found[str(name)] = Picture(
+                about["quantity"], about["units"], Scale.of(about), about["cell"][0], values
+            )
+        return found
+
+    def _wind(self, t: float) -> np.ndarray:
+        air = pictures.wind(self.run, HERE, _last(self._blown, t))
+        if air is None or not air.time.size:
+            return np.empty((4, 0))
+        u, v = (air[f"{letter}_{HERE}"].isel(time=-1) for letter in "uv")
+        y, x = np.meshgrid(*(u[dim].values for dim in u.dims), indexing="ij")
+        return np.stack([each.ravel() for each in (x, y, u.values, v.values)])
+
+    def _robots(self, t: float) -> np.ndarray:
+        now = [(each, max(0, each.at(t))) for each in self.tracks]
+        rows = [[each.values[key][n] for key in ("x", "y", "heading")] for each, n in now]
+        return np.array(rows, float).reshape(-1, 3).T
+
+    @property
+    def readings(self) -> np.ndarray:
+        """Time [s] and readings [ppm] of the robots in the whole run, (samples, 1 + robots)."""
+        longest = max(self.tracks, key=lambda each: len(each.t), default=None)
+        if longest is None:
+            return np.empty((0, 1))
+        found = np.full((len(longest.t), 1 + len(self.tracks)), np.nan)
+        found[:, 0] = longest.t
+        for n, each in enumerate(self.tracks, 1):
+            found[: len(each.t), n] = each.values[ABOVE]
+        return found
+
+
+def _last(times: np.ndarray, t: float) -> tuple[float, float]:
+    """Return the last of the times that is not later than t, else the first, as a span; empty without times."""
+    n = max(0, int(np.searchsorted(times, t + 1e-6, side="right")) - 1)
+    return (float(times[n]), float(times[n])) if len(times) else (t, t)
+
+
+def _way(track: Track, t: float) -> np.ndarray:
+    """Return the positions of a robot up to a time, (2, n) [m]."""
+    n = track.at(t) + 1
+    return np.stack([track.values["x"][:n], track.values["y"][:n]])

@@ -1,0 +1,179 @@
+"""Moments of a run in the plan: those of the recording and of the solver, while it goes on and once it has ended."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("bokeh", reason="the extra draw is not installed")
+
+from test_drawn_page import Tab, sight_at
+
+import taichi_plume as tp
+from taichi_plume.draw.page import Page
+from taichi_plume.draw.past import Past
+from taichi_plume.draw.runs import Run
+from taichi_plume.draw.workplace import Workplace
+from taichi_plume.guard.input_error import InputError
+from taichi_plume.report.theme import ABOVE
+
+TEXT = """\
+name: small
+duration: 6
+seed: 2
+stop_early: false
+domain: {size: [2, 1.2], spacing: 0.1}
+wind: {kind: synthetic}
+gas: {kind: eulerian, sources: [{position: [0.4, 0.5], rate: 5 mg/s, radius: 0.1}]}
+robots:
+  - name: team
+    count: 2
+    start: {kind: positions, positions: [[1.6, 0.3], [1.6, 0.7]]}
+    algorithm: {kind: casting}
+recording: {rate: 2, wind_rate: 1}
+"""
+
+
+@pytest.fixture(scope="module")
+def ended(tmp_path_factory, taichi) -> Path:
+    folder = tmp_path_factory.mktemp("past")
+    (folder / "small.yaml").write_text(TEXT)
+    tp.simulate(folder / "small.yaml", out=folder / "runs" / "small-1", progress=False)
+    return folder
+
+
+@pytest.mark.slow
+def test_a_moment_has_the_values_of_the_solver_and_of_the_recording(ended):
+    past = Past(ended / "runs/small-1")
+    assert past.times == pytest.approx(np.arange(0, 6.01, 0.5))
+    recorded = tp.open_run(ended / "runs/small-1").pictures
+    with tp.Simulation(ended / "small.yaml") as sim:
+        for t in (1.0, 3.5, 6.0):
+            sim.run(until=t)
+            seen = past.at(t)
+            (gas,) = sim.loop.gas.gases
+            ppm = np.asarray(gas.cells(sim.loop.t)) * gas.species.ppm_per_density
+            shown, about = seen.pictures["gas_slice"], recorded.gas_slice.attrs
+            assert (shown.unit, shown.cell) == ("ppm", 0.1)
+            for x, y in ((0.45, 0.55), (0.75, 0.35), (1.05, 0.65)):
+                i, j = int(x / 0.1), int(y / 0.1)
+                allowed = float(about["relative_precision"] * ppm[i, j] + about["absolute_precision"])
+                assert shown.values[j, i] == pytest.approx(ppm[i, j], abs=allowed)
+                assert shown.values[j, i] == float(recorded.gas_slice.sel(x=x, y=y, time=t, method="nearest"))
+            state = sim.loop.swarm.snapshot()
+            assert pytest.approx(state["position"], abs=1e-5) == seen.robots[:2].T
+            for n, way in enumerate(seen.trails):
+                assert way[:, -1] == pytest.approx(state["position"][n], abs=1e-5)
+        x, y, u, v = seen.wind
+        from taichi_plume.grid import fields
+
+        there = fields.velocity_at(sim.loop.wind, np.stack([x, y], axis=-1), 6.0)
+        assert np.stack([u, v], axis=-1) == pytest.approx(there, rel=2e-3, abs=1e-4)
+
+
+@pytest.mark.slow
+def test_between_two_pictures_the_earlier_one_is_seen(ended):
+    past = Past(ended / "runs/small-1")
+    for t, other in ((3.4, 3.0), (-5.0, 0.0), (99.0, 6.0)):
+        found, wanted = (past.at(at).pictures["gas_slice"].values for at in (t, other))
+        np.testing.assert_array_equal(found, wanted)
+
+
+def test_a_folder_without_a_run_is_one_line(tmp_path):
+    with pytest.raises(InputError, match=r"^empty: shows no moments"):
+        Past(tmp_path / "empty")
+
+
+class Clock(Tab):
+    """Document whose periodic callbacks are called by hand."""
+
+    def __init__(self):
+        super().__init__()
+        self.periodic: list = []
+
+    def add_periodic_callback(self, callback, period):
+        self.periodic.append(callback)
+        return callback
+
+    def remove_periodic_callback(self, callback):
+        self.periodic.remove(callback)
+
+
+def page_of(folder: Path) -> Any:
+    return Page(Clock(), Workplace(folder, folder / "small.yaml"))
+
+
+def shown(page) -> tuple[int, list[float]]:
+    """Number of pictures, and positions of the robots in the view from above."""
+    sources = page.canvases[ABOVE].sources
+    return len(sources["image"].data["image"]), list(sources["robots"].data["x"])
+
+
+@pytest.mark.slow
+def test_the_slider_shows_moments_of_a_run_that_has_ended(ended):
+    page = page_of(ended)
+    run = Run(1, ended / "runs/small-1", TEXT, scene=page.scene)
+    run.wall = 1.0
+    page.workplace.runs.append(run)
+    page.look()
+    bar = page.time
+    assert bar.layout.visible
+    assert (bar.slider.start, bar.slider.end) == (0.0, 6.0)
+    bar.slider.value = 2.5
+    past = Past(run.folder)
+    images, robots = shown(page)
+    assert images == 1
+    assert robots == pytest.approx(past.at(2.5).robots[0])
+    ways = page.canvases[ABOVE].sources["trails"].data["xs"]
+    assert [len(way) for way in ways] == [26, 26], "a place per 0.1 s"
+    assert page.runs.now.location == 2.5
+    page._typed(TEXT.replace("size: [2, 1.2]", "size: [2, 1.5]"))
+    assert shown(page)[0] == 1, "a chosen moment stays while the room is edited"
+    assert "run 1" in page.canvases[ABOVE].note.text
+    page.time.choose(None)
+    assert shown(page) == (0, []), "its room is not the present one"
+    page._undo()
+
+
+@pytest.mark.slow
+def test_a_run_is_played_to_its_end(ended):
+    page = page_of(ended)
+    run = Run(1, ended / "runs/small-1", TEXT, scene=page.scene)
+    run.wall = 1.0
+    page.workplace.runs.append(run)
+    page.look()
+    page.time._play()
+    seen = []
+    for _ in range(1000):
+        if not page.document.periodic:
+            break
+        page.document.periodic[0]()
+        seen.append(page.time.slider.value)
+    assert seen == sorted(seen)
+    assert seen[-1] == 6.0
+    assert 150 < len(seen) < 250, "20 s, whatever the run's length"
+
+
+def test_a_run_that_goes_on_is_seen_at_earlier_times(tmp_path):
+    (tmp_path / "small.yaml").write_text(TEXT)
+    page = page_of(tmp_path)
+    run = Run(1, tmp_path / "runs", TEXT, scene=page.scene)
+    run.process = SimpleNamespace(poll=lambda: None)  # type: ignore[assignment]
+    page.workplace.runs.append(run)
+    times = np.linspace(0, 9, 10)
+    way = np.stack([np.linspace(1, 2, 10), np.full(10, 0.5)])
+    readings = np.stack([times, times**2], axis=1)
+    for n, t in enumerate(times.tolist()):
+        sight = sight_at(t)._replace(trails=[way[:, : n + 1]], readings=readings[: n + 1])
+        run.see(sight)
+    page.look()
+    assert (page.time.slider.start, page.time.slider.end) == (0.0, 9.0)
+    page.time.slider.value = 4.4
+    assert page.runs.sight.t == 4.0
+    xs = page.canvases[ABOVE].sources["trails"].data["xs"]
+    assert xs[0] == pytest.approx(way[0, :5])
+    assert page.runs.curves.data["xs"][0] == pytest.approx(times), "the readings up to now"
+    page.time.choose(None)
+    assert page.runs.sight.t == 9.0
