@@ -12,12 +12,14 @@ from taichi_plume.draw.document import data_of
 from taichi_plume.draw.objects import named, names
 from taichi_plume.draw.runs import Run
 from taichi_plume.execution.latest_instant import Instant, Picture
+from taichi_plume.observed.scales import Scale
 from taichi_plume.report import theme
 
 if TYPE_CHECKING:
     from taichi_plume.draw.page import Page
 
 LISTED = 10
+DECADES = Scale(-2.0, 2.0, "linear")  # of a ratio of concentrations
 ENDED = ("completed", "stopped")
 """States of runs that have come to their end; a run stops early if its robots are done."""
 CELL = "text-align:left;vertical-align:top;padding:3px 8px 3px 0;border-bottom:1px solid #e3e7eb"
@@ -30,7 +32,8 @@ class RunPanel:
 
     def __init__(self, page: "Page"):
         self.page, self.number = page, 0
-        self._shown: Instant | None = None
+        self._shown: tuple[Instant | None, Run | None] = None, None
+        self._pair: tuple[Instant | None, Instant | None, Picture | None] = None, None, None
         self._frames: tuple[int, bool] = (0, False)
         self.stop = Button(label="■ Stop", width=80, disabled=True, name="stop")
         self.stop.on_click(self._stop)
@@ -42,6 +45,8 @@ class RunPanel:
         self.plot = figure(height=200, width=400, tools="", toolbar_location=None, **labels)
         self.plot.visible = False  # until there are readings
         self.plot.multi_line("xs", "ys", line_color="color", line_width=1.5, source=self.curves)
+        self.dashed = ColumnDataSource({"xs": [], "ys": [], "color": []})  # of the compared run
+        self.plot.multi_line("xs", "ys", line_color="color", line_dash="dashed", source=self.dashed)
         self.plot.outline_line_color = None
         self.plot.grid.grid_line_color = "#e3e7eb"
         self.plot.axis.minor_tick_line_color = None
@@ -52,10 +57,16 @@ class RunPanel:
         self.shown.on_change("value", lambda _attr, _old, new: self._chosen(new))
         self.quantity = Select(title="shown quantity", width=200, visible=False, name="quantity")
         self.quantity.on_change("value", lambda _attr, _old, _new: page.look())
+        self.other = Select(title="compared with", width=150, visible=False, name="other")
+        self.other.on_change("value", lambda _attr, _old, _new: page.look())
+        self.take = Button(label="Take its room", width=110, name="take")
+        self.take.on_click(self._take)
+        self.remove = Button(label="Delete run", width=95, name="remove")
+        self.remove.on_click(self._remove)
         self.table = Div(width=410, name="runs")
         self.layout = column(
             row(self.stop, self.progress), self.plot, self.links, self.output,
-            row(self.shown, self.quantity), self.table,
+            row(self.shown, self.other, self.quantity), row(self.take, self.remove), self.table,
             sizing_mode="stretch_height", styles={"overflow-y": "auto"},
         )  # fmt: skip
         first = "<p>Run the scenario first.</p>"
@@ -82,8 +93,28 @@ class RunPanel:
     @property
     def picture(self) -> Picture | None:
         """Picture of the chosen quantity at that moment, the first by default; None without `sight`."""
-        pictures = self.sight.pictures if self.sight is not None else {}
-        return pictures.get(str(self.quantity.value), next(iter(pictures.values()), None))
+        sight, other = self.sight, self.compared
+        pictures = sight.pictures if sight is not None else {}
+        name = str(self.quantity.value) if self.quantity.value in pictures else next(iter(pictures), "")
+        if sight is None or other is None or name not in pictures:
+            return pictures.get(name)
+        moment = other.moment(sight.t)
+        there = moment.pictures.get(name) if moment is not None else None
+        if there is None or there.values.shape != pictures[name].values.shape:
+            return pictures[name]
+        if sight is not self._pair[0] or moment is not self._pair[1]:
+            self._pair = (
+                sight,
+                moment,
+                difference(pictures[name], there, f"run {self.number}", f"run {other.number}"),
+            )
+        return self._pair[2]
+
+    @property
+    def compared(self) -> Run | None:
+        """The run with which the shown one is compared."""
+        chosen = str(self.other.value)
+        return self.page.workplace.run_of(int(chosen)) if chosen.isdecimal() else None
 
     # ---------------------------------------------------------------- run and stop
 
@@ -109,6 +140,16 @@ class RunPanel:
             self.number = run.number
         page.look()
 
+    def _take(self) -> None:
+        if self.run is not None:
+            self.page.put(self.run.text)
+
+    def _remove(self) -> None:
+        page, run = self.page, self.run
+        if run is not None and not run.alive:
+            words = f"Delete run {run.number} and its folder {run.folder.name}? This cannot be undone."
+            page.ask(words, lambda: page.workplace.discard(run))
+
     def _stop(self) -> None:
         if self.run is not None:
             self.run.stop()
@@ -118,18 +159,20 @@ class RunPanel:
 
     def refresh(self) -> None:
         """Show the present state of the runs."""
-        self.number = self.number or len(self.page.workplace.runs)
+        runs = self.page.workplace.runs
+        if self.run is None:  # the latest of the session
+            self.number = next((run.number for run in reversed(runs) if run.begun_here), 0)
         self._show_list()
         run = self.run
         if run is None:
-            self.progress.text = ""
+            self.progress.text, self.links.text, self.plot.visible = "", "", False
             return
         self.stop.disabled = not run.alive
         self._show_progress(run)
         seen = self.sight or run.sight
         self._show_clock(seen)
-        if seen is not self._shown:
-            self._shown = seen
+        if seen is not self._shown[0] or self.compared is not self._shown[1]:
+            self._shown = seen, self.compared
             self._show_readings(seen)
             self._show_quantities(seen)
         as_asked = run.alive or run.state in ENDED or run.stopping
@@ -153,13 +196,16 @@ class RunPanel:
         self.now.location = seen.t if seen is not None else 0.0
 
     def _show_readings(self, sight: Instant | None) -> None:
-        times, *readings = sight.readings.T if sight is not None else [np.empty(0)]
-        self.plot.visible = bool(readings)
-        self.curves.data = {
-            "xs": [times for _ in readings],
-            "ys": readings,
-            "color": [theme.robot(n) for n in range(len(readings))],
-        }
+        other = self.compared
+        last = other.moment(np.inf) if other is not None else None
+        for source, seen in ((self.curves, sight), (self.dashed, last)):
+            times, *readings = seen.readings.T if seen is not None else [np.empty(0)]
+            source.data = {
+                "xs": [times for _ in readings],
+                "ys": readings,
+                "color": [theme.robot(n) for n in range(len(readings))],
+            }
+        self.plot.visible = bool(self.curves.data["xs"] or self.dashed.data["xs"])
 
     def _show_quantities(self, sight: Instant | None) -> None:
         """Offer the quantities of a run; the chosen one stays if the run has it."""
@@ -193,18 +239,34 @@ class RunPanel:
 
     def _show_list(self) -> None:
         """Show the last runs beside each other, the newest first."""
-        runs = self.page.workplace.runs[: -LISTED - 1 : -1]
+        runs = [run for run in reversed(self.page.workplace.runs) if not run.discarded][:LISTED]
         rows = [run.row() for run in runs]
         cells = [[f"<th style='{CELL}'>{key}</th>" for key in line] for line in rows[:1]]
         cells += [[f"<td style='{CELL}'>{escape(text)}</td>" for text in line.values()] for line in rows]
         lines = "".join(f"<tr>{''.join(line)}</tr>" for line in cells)
         self.table.text = f"<table style='border-collapse:collapse;font-size:12px'>{lines}</table>"
-        options = [str(run.number) for run in runs]
+        options = [("0", "none"), *((str(run.number), f"{run.number}: {run.folder.name}") for run in runs)]
         if self.shown.options != options or self.shown.value != str(self.number):
-            self.shown.update(options=options, value=str(self.number), visible=len(runs) > 1)
+            self.shown.update(options=options, value=str(self.number), visible=bool(runs))
+            others = [("", "none"), *(pair for pair in options[1:] if pair[0] != str(self.number))]
+            stays = self.other.value if self.other.value in dict(others) else ""
+            self.other.update(options=others, value=stays, visible=len(others) > 1 and self.number > 0)
+        self.take.visible = self.remove.visible = self.run is not None
+        self.remove.disabled = self.run is None or self.run.alive
 
     def _chosen(self, number: str) -> None:
         if number.isdecimal() and int(number) != self.number:
             self.number = int(number)
             run = self.run
             self.page.time.choose(None if run is None or run.alive else run.recorded[1])
+
+
+def difference(a: Picture, b: Picture, one: str, other: str) -> Picture:
+    """Return how two pictures of a quantity differ: as a ratio in powers of ten on a logarithmic scale, else a - b."""
+    if a.scale.kind == "log":
+        low = np.float32(a.scale.low)  # below, all counts as nothing
+        ratio = np.log10(np.maximum(a.values, low) / np.maximum(b.values, low))
+        return Picture(f"{a.quantity}: {one} over {other}, power of ten", "1", DECADES, a.cell, ratio)
+    most = a.scale.high - a.scale.low
+    scale = Scale(-most, most, "linear")
+    return Picture(f"{a.quantity}: {one} - {other}", a.unit, scale, a.cell, a.values - b.values)

@@ -1,4 +1,4 @@
-"""A run of a session: the run command in a process of its own, which outlives page and server."""
+"""A run: the command in a process of its own, which outlives page and server, or a folder of an earlier run."""
 
 import os
 import secrets
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichi_plume.draw.document import data_of
-from taichi_plume.draw.objects import Scene, named, names
+from taichi_plume.draw.objects import Scene, named, names, scene
 from taichi_plume.execution.latest_instant import Instant, read
 from taichi_plume.execution.summary import ending, robots_found
 from taichi_plume.files import disk
@@ -26,35 +26,71 @@ from taichi_plume.files.run_folder import read_json
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import read_regular
 from taichi_plume.guard.terminal import visible
+from taichi_plume.guard.yaml_text import LineError
+from taichi_plume.scenario.loading import read_scenario
+from taichi_plume.scenario.readable_yaml import own_keys, without_defaults
 
 if TYPE_CHECKING:
     from taichi_plume.draw.past import Past
 
 MOST_LINES = 12  # of the command's output that are shown
 MOST_CHANGES = 3  # keys, in the list
+LISTED = 10  # runs
 MOST_BYTES = 1 << 27  # of the pictures of a run that goes on
 
 
 class Run:
-    """A run of the session. number: from 1; folder: of its files; before: text of the previous run, if any.
+    """A run, of the session or of an earlier one. number: from 1; folder: of its files; before: the previous run.
 
-    scene: objects of the run's text, for all pages.
+    text: by default that of the folder's scenario, without defaults; scene: objects of the text, for all pages.
     """
 
     def __init__(
-        self, number: int, folder: Path, text: str, before: str | None = None, scene: Scene | None = None
+        self,
+        number: int,
+        folder: Path,
+        text: str | None = None,
+        before: "Run | None" = None,
+        scene: Scene | None = None,
     ):
-        self.number, self.folder, self.text, self.scene = number, folder, text, scene
-        self.changes = changes(before, text) if before is not None else ""
-        self.notes = Path(tempfile.mkdtemp(prefix="taichi_plume-draw-"))
+        self.number, self.folder, self.before = number, folder, before
+        self._text, self._scene = text, scene
+        self.discarded = False
+        self.notes: Path | None = None
         self.scenario: Path | None = None  # a copy of the text for the run alone
         self.process: subprocess.Popen[bytes] | None = None
         self.begun = time.monotonic()
         self.wall: float | None = None
         self.stopping = False
         self.sight: Instant | None = None
+        self._moment: tuple[float, float, Instant] | None = None
         self._sights: list[Instant] = []  # of a run that goes on, without trails and readings
         self._result: Mapping[str, Any] | None = None
+
+    @cached_property
+    def text(self) -> str:
+        """Text of the scenario; empty if it cannot be read."""
+        if self._text is not None:
+            return self._text
+        try:
+            return own_keys(without_defaults(read_scenario(self.folder / "scenario.yaml")), exact=True)
+        except (InputError, LineError, OSError):
+            return ""
+
+    @cached_property
+    def scene(self) -> Scene:
+        """Objects of the text."""
+        return self._scene or scene(self.text, self.folder, False)
+
+    @cached_property
+    def changes(self) -> str:
+        """Differences from the previous run in words."""
+        return changes(self.before.text, self.text) if self.before is not None else ""
+
+    @property
+    def begun_here(self) -> bool:
+        """Whether the run was started in this session."""
+        return self._text is not None
 
     @property
     def alive(self) -> bool:
@@ -87,6 +123,8 @@ class Run:
     @property
     def output(self) -> list[str]:
         """Last lines that the command has printed."""
+        if self.notes is None:
+            return []
         try:
             text = read_regular(self.notes / "output.txt").decode(errors="replace")
         except OSError:
@@ -106,6 +144,7 @@ class Run:
 
         folder: of the files that the text names; root: in which the command works. Raises InputError.
         """
+        self.notes = Path(tempfile.mkdtemp(prefix="taichi_plume-draw-"))
         self.scenario = folder / f".{self.folder.name}.run-{secrets.token_hex(4)}.yaml"
         command = [sys.executable, "-m", "taichi_plume.run", str(self.scenario), "--out", str(self.folder)]
         command += ["--watch", str(self.notes / "watch.npz"), *flags]
@@ -132,7 +171,7 @@ class Run:
 
     def poll(self) -> None:
         """Read the state of the run; after its end, remove the copy of its text."""
-        sight = read(self.notes / "watch.npz")
+        sight = read(self.notes / "watch.npz") if self.notes is not None else None
         if sight is not None and (self.sight is None or sight.t != self.sight.t):
             self.see(sight)
         if not self.alive and self.wall is None:
@@ -150,7 +189,7 @@ class Run:
     @property
     def recorded(self) -> tuple[float, float]:
         """First and last time [s] of which the run shows moments; equal if there is none."""
-        if self.alive or self.wall is None:
+        if self.alive or (self._sights and self.wall is None):
             return (self._sights[0].t, self._sights[-1].t) if self._sights else (0.0, 0.0)
         times = self.past.times if self.past is not None else np.empty(0)
         return (float(times[0]), float(times[-1])) if len(times) else (0.0, 0.0)
@@ -167,20 +206,24 @@ class Run:
 
     def moment(self, t: float) -> Instant | None:
         """Return the run at a time [s]: the last moment known until then; None without one."""
-        if not self.alive and self.wall is not None:
+        if not self.alive and not (self._sights and self.wall is None):
             return self.past.at(t) if self.past is not None else None
         live, n = self.sight, bisect_right(self._sights, t + 1e-6, key=lambda each: each.t)
         if live is None or not self._sights:
             return None
-        seen = self._sights[max(0, n - 1)]
-        until = int(np.searchsorted(live.readings[:, 0], t, side="right"))
-        return seen._replace(readings=live.readings, trails=[way[:, :until] for way in live.trails])
+        if self._moment is None or self._moment[:2] != (t, live.t):
+            until = int(np.searchsorted(live.readings[:, 0], t, side="right"))
+            trails = [way[:, :until] for way in live.trails]
+            seen = self._sights[max(0, n - 1)]._replace(readings=live.readings, trails=trails)
+            self._moment = t, live.t, seen
+        return self._moment[2]
 
     def close(self) -> None:
         """Remove the notes of an ended run; a run that is alive still writes them."""
         if not self.alive:
             self.poll()
-            disk.discard(self.notes)
+            if self.notes is not None:
+                disk.discard(self.notes)
 
     def row(self) -> dict[str, str]:
         """Return the run's row in the list of runs: texts by column."""
@@ -191,7 +234,8 @@ class Run:
                 seconds = group["summary"]["time_s"]["mean"]
                 first = f", the first in {seconds:.0f} s" if seconds is not None else ""
                 found.append(f"{group['name']}: {robots_found(group)}{first}")
-        wall = self.wall if self.wall is not None else time.monotonic() - self.begun
+        running = time.monotonic() - self.begun if self.process is not None else result.get("wall_s", 0.0)
+        wall = self.wall if self.wall is not None else running
         simulated = result.get("simulated_s") if not self.alive else None
         return {
             "run": str(self.number),
@@ -202,6 +246,19 @@ class Run:
             "took": f"{wall:.0f} s",
             "folder": self.folder.name,
         }
+
+
+def runs_in(above: Path) -> list[Run]:
+    """Return the runs whose folders lie in a folder, the oldest first, at most LISTED, the latest; no links."""
+    found = []
+    for folder in above.iterdir() if above.is_dir() and not above.is_symlink() else ():
+        file = folder / "result.json"
+        if not folder.is_symlink() and file.is_file() and (folder / "scenario.yaml").is_file():
+            found.append((file.stat().st_mtime, folder))
+    runs: list[Run] = []
+    for n, (_, folder) in enumerate(sorted(found)[-LISTED:], 1):
+        runs.append(Run(n, folder, before=runs[-1] if runs else None))
+    return runs
 
 
 def changes(before: str, after: str) -> str:

@@ -1,6 +1,7 @@
 """State of a session that all open pages share: the text, its history, the file, and the runs. No Bokeh."""
 
 import os
+import shutil
 from collections.abc import Collection
 from itertools import count
 from pathlib import Path
@@ -12,7 +13,7 @@ from taichi_plume.draw.drafts import Draft, Drafts
 from taichi_plume.draw.edits import BLANK
 from taichi_plume.draw.history import History
 from taichi_plume.draw.objects import Scene, scene, stamps
-from taichi_plume.draw.runs import Run
+from taichi_plume.draw.runs import Run, runs_in
 from taichi_plume.files.disk import written_whole
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import inside
@@ -59,7 +60,7 @@ class Workplace:
         self.drafts = Drafts(self.file)
         for draft in [draft for draft in self.drafts.waiting if draft.text == self.text]:
             self.drafts.refuse(draft)  # saved just before a server was killed
-        self.runs: list[Run] = []
+        self.runs = runs_in(self.root / "runs")
         self.pages: list[Follower] = []
         self._scene: tuple[object, Scene] | None = None
         self.findings: Findings | None = None
@@ -184,7 +185,7 @@ class Workplace:
         folders = (above / f"{name}-{n}" for n in count(1))
         free = next(folder for folder in folders if folder not in taken and not os.path.lexists(folder))
         drawn = self.scene if text == self.text else scene(text, self.folder, self.allow_outside)
-        run = Run(len(self.runs) + 1, free, text, self.runs[-1].text if self.runs else None, drawn)
+        run = Run(len(self.runs) + 1, free, text, self.runs[-1] if self.runs else None, drawn)
         flags = ["--allow-outside"] * self.allow_outside + ["--allow-code"] * self.allow_code
         run.start(self.folder, self.root, flags + [w for sha in agreed for w in ("--allow-sha256", sha)])
         self.runs.append(run)
@@ -192,8 +193,22 @@ class Workplace:
         return run
 
     def run_of(self, number: int) -> Run | None:
-        """Return the run with a number; None if there is none."""
-        return self.runs[number - 1] if 1 <= number <= len(self.runs) else None
+        """Return the run with a number; None if there is none, or if it has been removed."""
+        run = self.runs[number - 1] if 1 <= number <= len(self.runs) else None
+        return None if run is None or run.discarded else run
+
+    def discard(self, run: Run) -> None:
+        """Remove the folder of a run that has ended, and the run from the lists. Raises InputError."""
+        if run.alive or run.folder.is_symlink() or not inside(run.folder, self.root):
+            raise InputError(
+                f"{run.folder.name}: is not removed: the run goes on, or its folder lies elsewhere"
+            )
+        try:
+            shutil.rmtree(run.folder)
+        except OSError as error:
+            raise InputError(f"{error.filename}: cannot be removed: {error.strerror}") from None
+        run.discarded = True
+        self._notify()
 
     def check(self, text: str | None = None) -> tuple[str, Findings]:
         """Check a text, by default the present one; return the text and its findings. May run in another thread."""

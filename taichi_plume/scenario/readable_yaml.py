@@ -1,7 +1,7 @@
 """Readable YAML of a scenario: numbers with handy units; all keys, or only those that the user set."""
 
 import io
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 
@@ -9,6 +9,7 @@ from taichi_plume.quantities import parse, with_unit
 from taichi_plume.scenario.key_facts import quantity_unit
 from taichi_plume.scenario.vocabulary import Model
 
+ModelT = TypeVar("ModelT", bound=Model)
 LONGEST = 108  # characters of a line, unless a single value is longer
 FOLDED = 200  # characters that an item of a list may take and still be written in flow style, in two lines
 
@@ -64,6 +65,27 @@ def all_keys(scenario: Model, exact: bool = False) -> str:
         allow_unicode=True,
         width=LONGEST,
     )
+
+
+def without_defaults(scenario: ModelT) -> ModelT:
+    """Return a copy of a scenario in which those keys count as set by the user whose values are not the default."""
+
+    def visit(part: object) -> None:
+        for item in part if isinstance(part, tuple | list) else ():
+            visit(item)
+        for key, field in type(part).model_fields.items() if isinstance(part, Model) else ():
+            value = vars(part)[key]
+            visit(value)
+            if (
+                key != "kind"
+                and not field.is_required()
+                and value == field.get_default(call_default_factory=True, validated_data={})
+            ):
+                part.model_fields_set.discard(key)  # type: ignore[union-attr]
+
+    copy = scenario.model_copy(deep=True)
+    visit(copy)
+    return copy
 
 
 class _Dumper(yaml.SafeDumper):

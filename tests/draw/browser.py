@@ -19,6 +19,9 @@ VIEW = """() => {
   return {x: [plot.x_range.start, plot.x_range.end], y: [plot.y_range.start, plot.y_range.end],
           left: box.left, right: box.right, top: box.top, bottom: box.bottom}
 }"""
+CHOOSE = """([name, value]) => {
+  [...Bokeh.documents[0]._all_models.values()].find((model) => model.name == name).value = value
+}"""
 TEXT_OF = """(name) => {
   const model = [...Bokeh.documents[0]._all_models.values()].find((model) => model.name == name)
   return model.text ?? model.value_input ?? model.value
@@ -118,6 +121,10 @@ class Browser:
     def press(self, label: str):
         """Press the button of a label."""
         self.page.locator(".bk-btn").get_by_text(label, exact=True).first.click()
+
+    def choose(self, name: str, value: str):
+        """Choose a value of the list of a name."""
+        self.page.evaluate(CHOOSE, [name, value])
 
     def tab(self, title: str):
         """Open the tab whose title begins so."""

@@ -242,3 +242,21 @@ def test_a_run_is_looked_at_in_time(visit, tmp_path):
     page.page.wait_for_timeout(500)
     page.picture("t_latest")
     assert page.errors == []
+
+
+def test_two_runs_are_compared(visit, tmp_path):
+    (tmp_path / "room.yaml").write_text(ROOM.replace("duration: ", "duration: 6 # "))
+    page = visit("room.yaml")
+    for n in (1, 2):
+        page.press("▶ Run")
+        page.until(lambda n=n: f"run {n}</b> completed" in page.text_of("progress"), 180)
+        if n == 1:
+            page.changed(lambda: page.drag((1.5, 2.1), (1.5, 2.3)))
+    page.choose("other", "1")
+    page.press("▶ play")
+    page.until(lambda: 2 < page.text_of("time") < 5)
+    page.press("❚❚ pause")
+    page.until(lambda: "power of ten" in page.text_of("hint"))
+    page.page.wait_for_timeout(500)
+    page.picture("t_compared")
+    assert page.errors == []

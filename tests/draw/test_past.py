@@ -1,11 +1,13 @@
 """Moments of a run in the plan: those of the recording and of the solver, while it goes on and once it has ended."""
 
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 pytest.importorskip("bokeh", reason="the extra draw is not installed")
 
@@ -114,10 +116,8 @@ def shown(page) -> tuple[int, list[float]]:
 @pytest.mark.slow
 def test_the_slider_shows_moments_of_a_run_that_has_ended(ended):
     page = page_of(ended)
-    run = Run(1, ended / "runs/small-1", TEXT, scene=page.scene)
-    run.wall = 1.0
-    page.workplace.runs.append(run)
-    page.look()
+    page.runs.shown.value = "1"
+    run = page.runs.run
     bar = page.time
     assert bar.layout.visible
     assert (bar.slider.start, bar.slider.end) == (0.0, 6.0)
@@ -140,10 +140,7 @@ def test_the_slider_shows_moments_of_a_run_that_has_ended(ended):
 @pytest.mark.slow
 def test_a_run_is_played_to_its_end(ended):
     page = page_of(ended)
-    run = Run(1, ended / "runs/small-1", TEXT, scene=page.scene)
-    run.wall = 1.0
-    page.workplace.runs.append(run)
-    page.look()
+    page.runs.shown.value = "1"
     page.time._play()
     seen = []
     for _ in range(1000):
@@ -177,3 +174,57 @@ def test_a_run_that_goes_on_is_seen_at_earlier_times(tmp_path):
     assert page.runs.curves.data["xs"][0] == pytest.approx(times), "the readings up to now"
     page.time.choose(None)
     assert page.runs.sight.t == 9.0
+
+
+@pytest.fixture(scope="module")
+def two(ended) -> Path:
+    """Two runs of a folder, the second with ten times the gas."""
+    other = TEXT.replace("rate: 5 mg/s", "rate: 50 mg/s")
+    tp.simulate(tp.Scenario.from_dict(yaml.safe_load(other)), out=ended / "runs" / "small-2", progress=False)
+    return ended
+
+
+@pytest.mark.slow
+def test_runs_of_the_folder_are_listed_compared_taken_and_deleted(two, tmp_path):
+    shutil.copytree(two, tmp_path / "place")
+    page = page_of(tmp_path / "place")
+    assert [run.folder.name for run in page.workplace.runs] == ["small-1", "small-2"]
+    assert "small-2" in page.runs.table.text
+    assert page.workplace.runs[1].changes.endswith("rate: 5 mg/s → 50 mg/s")
+    page.runs.shown.value = "2"
+    page.time.choose(4.0)
+    page.runs.other.value = "1"
+    picture = page.runs.picture
+    ten, one = (Past(run.folder).at(4.0).pictures["gas_slice"].values for run in page.workplace.runs[::-1])
+    well = (one > 0.2) & (ten < 1000)
+    ten, one = ten[well], one[well]
+    assert np.count_nonzero(well) > 20
+    assert picture.values[well] == pytest.approx(np.log10(ten / one), abs=1e-5)
+    assert picture.values[well] == pytest.approx(1.0, abs=0.01), "ten times the gas"
+    assert picture.scale.kind == "linear"
+    assert "power of ten" in page.hint.text
+    assert len(page.runs.dashed.data["xs"]) == 2
+    page.runs._take()
+    assert "rate: 50 mg/s" in page.workplace.text
+    assert "diffusivity" not in page.workplace.text, "no defaults"
+    assert page.scene.data["gas"]["sources"][0]["position"] == ["0.4 m", "0.5 m"]
+    page.runs._remove()
+    assert "small-2" in page.banner.text
+    page._yes()
+    assert not (tmp_path / "place/runs/small-2").exists()
+    assert "small-2" not in page.runs.table.text
+    assert page.workplace.run_of(2) is None
+    assert (tmp_path / "place/runs/small-1").exists()
+    assert len(page.workplace.runs) == 2, "numbers stay"
+
+
+def test_no_run_is_removed_elsewhere(tmp_path):
+    (tmp_path / "room").mkdir()
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "room/small.yaml").write_text(TEXT)
+    work = Workplace(tmp_path / "room", tmp_path / "room/small.yaml")
+    (tmp_path / "room/link").symlink_to(tmp_path / "elsewhere")
+    for folder in (tmp_path / "elsewhere", tmp_path / "room/link"):
+        with pytest.raises(InputError, match=f"^{folder.name}: is not removed"):
+            work.discard(Run(1, folder, TEXT))
+    assert (tmp_path / "elsewhere").is_dir()
