@@ -193,6 +193,8 @@ def unpacked(values: np.ndarray, attributes: Mapping[str, Any]) -> np.ndarray:
     if sign[:1] == raw.dtype.kind:
         stored = raw.view(raw.dtype.str.replace(sign[0], sign[1]))
     limits = _numbers(attributes, "valid_range", (-np.inf, np.inf))
+    if len(limits) != 2:
+        raise ConventionError(f"its valid_range has {len(limits)} values, not 2")
     low, high = (_numbers(attributes, f"valid_{end}", limits[n:])[0] for n, end in enumerate(("min", "max")))
     none = (stored < low) | (stored > high)
     for name in ("_FillValue", "missing_value"):

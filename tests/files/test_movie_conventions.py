@@ -9,7 +9,7 @@ import xarray
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from taichi_plume.files.conventions import role_of, stated_unit, times_of, unit_of, unpacked
+from taichi_plume.files.conventions import ConventionError, role_of, stated_unit, times_of, unit_of, unpacked
 from taichi_plume.files.film import FilmError
 from taichi_plume.files.movie import Movie
 from taichi_plume.scenario.domain import Domain
@@ -101,6 +101,8 @@ def test_packed_values_are_those_of_xarray(attributes):
     np.testing.assert_allclose(unpacked(values, attributes), truth, rtol=1e-6)
     narrow = unpacked(values, {**attributes, "valid_range": [0, 10]})
     np.testing.assert_array_equal(np.isnan(narrow), np.isnan(truth) | (values < 0) | (values > 10))
+    with pytest.raises(ConventionError, match="valid_range has 1 values, not 2"):
+        unpacked(values, {**attributes, "valid_range": [10]})
 
 
 def test_dates_and_masses(tmp_path):
