@@ -1,5 +1,6 @@
 """Movies whose files state axes, units, packing and missing values: what is read equals what xarray reads."""
 
+import re
 from datetime import datetime
 
 import h5py
@@ -433,6 +434,12 @@ def test_times_from_the_start_or_in_other_calendars_have_no_date(tmp_path):
 def test_dates_of_udunits(unit, date):
     start = datetime.fromisoformat(date).timestamp()
     np.testing.assert_allclose(times_of(np.array([0.0, 2.0]), unit), [start, start + 2 * 86400])
+
+
+@pytest.mark.parametrize("date", ["2026-01-01 00:00 GMT+1", "2026-01-01T00:00 UTC-2", "2026-13-01"])
+def test_dates_that_may_mean_two_times_are_refused(date):
+    with pytest.raises(ConventionError, match=re.escape(date)):
+        times_of(np.array([0.0]), f"hours since {date}")
 
 
 @pytest.mark.parametrize(("form", "group"), [("zarr2", "run/a"), ("zarr3", "run/a"), ("netcdf4", "run/a")])
