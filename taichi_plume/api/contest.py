@@ -1,6 +1,6 @@
 """Contest of search algorithms from Python: ``tp.contest()`` is ``taichi-plume contest``."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -48,15 +48,19 @@ def contest(
     >>> standings.table.algorithm.tolist()
     ['random_walk']
     """
-    ends, standings = held(**locals())
+    options = locals()
     from taichi_plume.api.study import raise_unless_done
 
-    for end in ends:
-        raise_unless_done(end)
-    return standings
+    ends: list[End] = []
+    try:
+        return held(ends.append, **options)
+    finally:  # before an error of `held`: what ended a study is its cause
+        for end in ends:
+            raise_unless_done(end)
 
 
 def held(
+    tell: "Callable[[End], object]",
     algorithms: Any = None,
     *,
     out: str | Path = Path("contest"),
@@ -66,8 +70,8 @@ def held(
     progress: bool = True,
     again: str = "",
     **options: Any,
-) -> "tuple[list[End], Standings]":
-    """Let search algorithms compete, see `contest`; return the ends of the studies, and the standings.
+) -> "Standings":
+    """Let search algorithms compete, see `contest`; return the standings. tell: is called as each study ends.
 
     again: how to repeat the contest, by default the call of Python.
     """
@@ -80,4 +84,6 @@ def held(
     settings = Settings(choice.out, workers, retry=retry, force=force, progress=progress)
     settings.check()
     played = contest_of(choice, again)
-    return list(play(played, settings)), conclude(played)
+    for end in play(played, settings):
+        tell(end)
+    return conclude(played)

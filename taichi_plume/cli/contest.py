@@ -14,6 +14,7 @@ from taichi_plume.cli.exit_codes import exit_code
 from taichi_plume.cli.options import parser_of
 from taichi_plume.cli.study import print_end
 from taichi_plume.execution.signals import reader_may_leave
+from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import say
 
@@ -33,9 +34,15 @@ def _contest(again: str, **options: Any) -> int:
         options[key] = [name.strip() for name in options[key].split(",")]
         if not all(options[key]):
             raise InputError(f"--{key}: give names with commas between, such as open_2d,meandering")
-    ends, standings = held(again=again, **options)
-    quiet = options.get("progress") is False
-    code = max(print_end(end, quiet, report=False) for end in ends)
+    quiet, codes = options.get("progress") is False, [0]
+    try:
+        standings = held(
+            lambda end: codes.append(print_end(end, quiet, report=False)), again=again, **options
+        )
+    except RunFolderError:
+        if max(codes) == 130:  # before any run
+            return 130
+        raise
     for row in standings.rows:
         if row.failed:
             failed = f"{row.failed} of {row.runs} runs have failed"
@@ -46,4 +53,4 @@ def _contest(again: str, **options: Any) -> int:
         with reader_may_leave():
             show_table(standings.rows)
             say(f"{standings.page}, contest.csv, contest.parquet")
-    return code
+    return max(codes)

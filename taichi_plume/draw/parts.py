@@ -309,7 +309,8 @@ class Points(Part):
     def handles(self, plane: Plane) -> dict[str, Point]:
         seen = {name: self._seen(end, plane) for name, end in self.points.items()}
         x, y = pair(np.mean(list(seen.values()), axis=0))
-        handles = {"center": (x, y), **({} if len(seen) == 1 else seen)}
+        # of handles at one place the first counts: the middle one of three robots can be moved alone
+        handles = {**(seen if len(seen) > 1 else {}), "center": (x, y)}
         return handles | ({"rim": (x + self.rim, y)} if self.rim else {})
 
     def moved(self, handle: str, plane: Plane, to: Point) -> Values:

@@ -20,7 +20,7 @@ CODECS = frozenset(
         *("bytes", "transpose", "sharding_indexed"),
     }
 )
-"""Codecs of Zarr 2 and 3 whose decoded size is bounded. Pickle, for example, would execute code in the file."""
+"""Codecs of Zarr 2 and 3 that are read. Pickle, for example, would execute code in the file."""
 MOST_GROUPS = 1000  # of a Zarr store
 
 

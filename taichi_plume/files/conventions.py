@@ -32,6 +32,9 @@ SUFFIXES = {"m", "cm", "mm", "km", "in", "ft", "s", "sec", "ms", "us", "min", "h
 """Units behind a name without brackets."""
 DAY = 86400.0  # s
 ZONE = re.compile(r"\s*(UTC|GMT)$")
+AMBIGUOUS = re.compile(
+    r"[A-Za-z]{2,}\s*[+-]\d"
+)  # GMT+1: one hour before or behind Greenwich, by who writes it
 EARLIEST_DATE = 1e8  # s: larger times are those since 1970
 SINCE = re.compile(
     r"\s*(\w+)\s+(?:since|after|from|ref|@)\s+([+-]?\d{1,4})(-\d{1,2}-\d{1,2}.*)", re.IGNORECASE
@@ -149,6 +152,8 @@ def times_of(values: np.ndarray, written: str) -> np.ndarray:
     import pandas
 
     try:
+        if AMBIGUOUS.search(match[3]):
+            raise ValueError
         start = pandas.Timestamp(f"{int(match[2]):04d}{match[3]}")
     except ValueError:
         raise ConventionError(f"'{written}' gives no date such as 2026-01-01 00:00:00") from None
@@ -193,6 +198,8 @@ def unpacked(values: np.ndarray, attributes: Mapping[str, Any]) -> np.ndarray:
     if sign[:1] == raw.dtype.kind:
         stored = raw.view(raw.dtype.str.replace(sign[0], sign[1]))
     limits = _numbers(attributes, "valid_range", (-np.inf, np.inf))
+    if len(limits) != 2:
+        raise ConventionError(f"its valid_range has {len(limits)} values, not 2")
     low, high = (_numbers(attributes, f"valid_{end}", limits[n:])[0] for n, end in enumerate(("min", "max")))
     none = (stored < low) | (stored > high)
     for name in ("_FillValue", "missing_value"):

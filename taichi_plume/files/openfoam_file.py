@@ -127,7 +127,9 @@ class FoamFile:
             ends, flat = self._labels(ends)[1:], self._labels(self._list(end, self.label, 1)[0])
             count = len(ends)
         else:
-            body = self.body if LIST.match(self.body) else b"0("
+            body = b"0(" if NONE.match(self.body) else self.body
+            if not FACE.match(body.lstrip()):
+                raise self.wrong("has no list")
             count, *sizes = map(int, FACE.findall(body))
             ends, flat = np.cumsum(sizes, dtype=np.int64), self._labels(_numbers(FACE.sub(b" ", body)))
         if not count and not len(flat):

@@ -111,8 +111,10 @@ class OwnFile:
 
     def _may_hold(self, statements: list[ast.AST]) -> bool:
         """Return whether one of the statements at the top of the file may define the code."""
-        names = [each.name for each in statements if isinstance(each, ast.ClassDef)]
-        return self.name in names if self.name else bool(names)
+        classes = [each for each in statements if isinstance(each, ast.ClassDef)]
+        sure = [each.name for each in classes if _acts(each)]
+        maybe = [each.name for each in classes if each.bases or each.decorator_list or each.name in sure]
+        return self.name in maybe if self.name else bool(maybe) and len(sure) < 2
 
     def execute(self) -> Code:
         """Execute the user's file, with all rights of the user, and return the code that it defines."""
@@ -165,6 +167,13 @@ def _at_top(node: ast.AST) -> Iterator[ast.AST]:
             yield child
         if not isinstance(child, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef | ast.expr):
             yield from _at_top(child)
+
+
+def _acts(node: ast.ClassDef) -> bool:
+    """Return whether a parsed class itself defines `act`, as a function or by assignment."""
+    names = [each.name for each in node.body if isinstance(each, ast.FunctionDef)]
+    targets = [target for each in node.body if isinstance(each, ast.Assign) for target in each.targets]
+    return "act" in (*names, *(target.id for target in targets if isinstance(target, ast.Name)))
 
 
 @contextmanager

@@ -226,9 +226,9 @@ def stored_array(
             and is_beside(shapes[whole], array.shape, own in axes)
             and arrays[whole].dtype.kind in "fiu"
         ):
+            along, stated = about(arrays[whole])  # before it is read: refuses arrays that lie in other files
             values = np.asarray(arrays[whole][...])
             values = values.ravel() if values.size == max(values.shape) else values  # MATLAB has (1, n)
-            along, stated = about(arrays[whole])
             beside[own] = Beside(values, plain(stated), along)
     chunks = getattr(array, "chunks", None) or (1, *array.shape[1:])
     return StoredArray(

@@ -212,7 +212,7 @@ class WebSocketLink:
                 for item in _field(given, "subscriptions", list):
                     self._subscribe(client, _field(item, "id", int), _field(item, "channelId", int))
             case "unsubscribe":
-                gone = _field(given, "subscriptionIds", list)
+                gone = _numbers(given, "subscriptionIds")
                 for channel in self._advertised.values():
                     if channel.subscribers.get(client) in gone:
                         del channel.subscribers[client]
@@ -223,9 +223,8 @@ class WebSocketLink:
                         raise ClientError(f"channels: at most {MOST_CHANNELS:,} can be advertised")
                     published[channel_id] = _field(item, "topic", str).strip("/"), encoding == "json"
             case "unadvertise":
-                gone = _field(given, "channelIds", list)
-                for channel_id in [number for number in published if number in gone]:
-                    del published[channel_id]
+                for channel_id in _numbers(given, "channelIds"):
+                    published.pop(channel_id, None)
             case other:
                 raise ClientError(f"op: {visible(other, LONGEST_VALUE)} is not supported")
 
@@ -290,3 +289,11 @@ def _field(given: object, key: str, kind: type[T]) -> T:
     if type(value) is not kind or (isinstance(value, str) and len(value) > LONGEST_NAME):
         raise ClientError(f"{key}: takes {KINDS[kind]}")
     return value
+
+
+def _numbers(given: object, key: str) -> set[int]:
+    """Return the whole numbers in a list of a control message. Raises ClientError."""
+    values = _field(given, key, list)
+    if not all(type(value) is int for value in values):
+        raise ClientError(f"{key}: takes a list of whole numbers")
+    return set(values)

@@ -11,6 +11,7 @@ from test_document import CONFIGS
 
 from taichi_plume.assembly.preparation import load
 from taichi_plume.draw import checks
+from taichi_plume.draw.canvas import Canvas
 from taichi_plume.draw.document import data_of
 from taichi_plume.draw.objects import named, names, scene
 from taichi_plume.report.theme import ABOVE, SIDE
@@ -62,6 +63,15 @@ def test_heights_are_drawn_in_the_view_from_the_side():
     low, high = surrounding(of.thing("obstacles[2]").outlines(SIDE))
     assert (low[1], high[1]) == pytest.approx((0.0, 0.3))
     assert set(of.thing("obstacles[2]").handles(SIDE)) == {"center", "+0+1", "+0-1"}
+
+
+def test_the_middle_one_of_three_robots_can_be_moved_alone():
+    path = next(path for path in SCENARIOS if path.stem == "drone_search")
+    text = (
+        path.read_text().replace("[[4.6, 0.5]]", "[[1, 1], [2, 1], [3, 1]]").replace("count: 1", "count: 3")
+    )
+    robots = scene(text, path.parent).thing("robots[0]")
+    assert Canvas(ABOVE).handle_at(robots, (2.0, 1.0)) == "positions[1]"
 
 
 def test_a_text_with_mistakes_is_drawn_as_far_as_it_can_be_read():

@@ -136,6 +136,14 @@ def test_files_that_are_no_movies(tmp_path):
             movie(path, **keys)
 
 
+def test_coordinates_in_other_files_are_not_read(tmp_path):
+    with h5py.File(tmp_path / "m.h5", "w") as file:
+        file.create_dataset("plume", data=np.zeros((2, 3, 4), np.float32))
+        file.create_dataset("x", (4,), np.float32, external=[(tmp_path / "absent", 0, 16)])
+    with pytest.raises(FilmError, match=r"/x lies in other files; copy it into one"):
+        movie(tmp_path / "m.h5")
+
+
 def test_nothing_is_executed_and_no_other_file_read(tmp_path):
     group = zarr.open_group(tmp_path / "evil", mode="w", zarr_format=2)
     group.create_array("concentration", data=PICTURES)

@@ -1,5 +1,6 @@
 """Movies whose files state axes, units, packing and missing values: what is read equals what xarray reads."""
 
+import re
 from datetime import datetime
 
 import h5py
@@ -9,7 +10,7 @@ import xarray
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from taichi_plume.files.conventions import role_of, stated_unit, times_of, unit_of, unpacked
+from taichi_plume.files.conventions import ConventionError, role_of, stated_unit, times_of, unit_of, unpacked
 from taichi_plume.files.film import FilmError
 from taichi_plume.files.movie import Movie
 from taichi_plume.scenario.domain import Domain
@@ -101,6 +102,8 @@ def test_packed_values_are_those_of_xarray(attributes):
     np.testing.assert_allclose(unpacked(values, attributes), truth, rtol=1e-6)
     narrow = unpacked(values, {**attributes, "valid_range": [0, 10]})
     np.testing.assert_array_equal(np.isnan(narrow), np.isnan(truth) | (values < 0) | (values > 10))
+    with pytest.raises(ConventionError, match="valid_range has 1 values, not 2"):
+        unpacked(values, {**attributes, "valid_range": [10]})
 
 
 def test_dates_and_masses(tmp_path):
@@ -431,6 +434,12 @@ def test_times_from_the_start_or_in_other_calendars_have_no_date(tmp_path):
 def test_dates_of_udunits(unit, date):
     start = datetime.fromisoformat(date).timestamp()
     np.testing.assert_allclose(times_of(np.array([0.0, 2.0]), unit), [start, start + 2 * 86400])
+
+
+@pytest.mark.parametrize("date", ["2026-01-01 00:00 GMT+1", "2026-01-01T00:00 UTC-2", "2026-13-01"])
+def test_dates_that_may_mean_two_times_are_refused(date):
+    with pytest.raises(ConventionError, match=re.escape(date)):
+        times_of(np.array([0.0]), f"hours since {date}")
 
 
 @pytest.mark.parametrize(("form", "group"), [("zarr2", "run/a"), ("zarr3", "run/a"), ("netcdf4", "run/a")])

@@ -136,6 +136,10 @@ def test_columns_that_the_user_names(tmp_path):
     plain.write_text("0 1 2 7 3\n1 1 2 8 4\n")
     log = read_log(plain, columns={"t": "1", "x": "2", "y": "3", "reading": "5"})
     assert log.reading.tolist() == [3.0, 4.0]
+    headed = tmp_path / "headed.csv"
+    headed.write_text("t [ms],x_mm,y (cm),gas [ppb]\n0,100,200,400\n1000,110,210,410\n")
+    log = read_log(headed, columns={"t": "1", "x": "2", "y": "3", "reading": "4"})
+    assert (log.t[1], *log.place[1], log.reading[1]) == pytest.approx((1.0, 0.11, 2.1, 0.41))
     for wrong, reported in (
         ({"t": "time"}, "has no column 'time' for t; it has stamp, px, py, CO2, CO2 dry"),
         ({"speed": "px"}, "'speed' is none of date, t, x, y"),

@@ -205,6 +205,7 @@ def test_what_the_tests_make_is_a_case_for_another_reader(tmp_path, keys):
         ("constant/polyMesh/points", b"(-5.0 ", b"(x ", "holds what is no number"),
         ("constant/polyMesh/points", b"(-5.0 ", b"(nan ", "not all of its values are finite"),
         ("constant/polyMesh/faces", b"4(", b"5(", "truncated or damaged"),
+        ("constant/polyMesh/faces", b"\n(", b"\n{", "has no list"),
         ("constant/polyMesh/owner", b"0\n", b"-7\n", "do not belong together"),
         ("constant/polyMesh/owner", b"0\n", b"999999\n", "do not belong together|faces"),
         ("1/U", b"internalField", b"inner", "has no internalField"),

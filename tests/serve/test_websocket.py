@@ -235,6 +235,7 @@ def test_messages_before_and_after_the_service_listens(link, capfd):
         ({"op": "subscribe", "subscriptions": [{"id": True, "channelId": 1}]}, "id: takes a whole number"),
         ({"op": "advertise", "channels": [{"id": 1, "topic": "x" * 300, "encoding": "json"}]}, "topic: takes a text"),
         ({"op": "unadvertise", "channelIds": 3}, "channelIds: takes a list"),
+        ({"op": "unsubscribe", "subscriptionIds": [None]}, "subscriptionIds: takes a list of whole numbers"),
         ({"op": "subscribe", "subscriptions": [3]}, "id: takes a whole number"),
         ({"op": "x" * websocket_link.LONGEST_TEXT}, "characters"),
         (b"", "opcode"),
