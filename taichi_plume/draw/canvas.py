@@ -98,6 +98,7 @@ class Canvas:
             self.figure.on_change(name, lambda _attr, _old, _new: self._resized())
         self._style()
         self.sources: dict[str, ColumnDataSource] = {}
+        self._shown: dict[str, list[tuple]] = {}  # rows of the layers
         for name, (method, columns, style) in LAYERS.items():
             keys = columns.split()
             source = self.sources[name] = ColumnDataSource({key: [] for key in keys})
@@ -115,15 +116,19 @@ class Canvas:
         self.figure.add_layout(self.note)
         self.bar = ColorBar(
             color_mapper=LinearColorMapper(palette=["#ffffff"], low=0.0, high=1.0), visible=False, location="top_right",
-            orientation="horizontal", width=200, height=8, padding=6, margin=4, title_text_font=FONT,
+            orientation="horizontal", width=230, height=8, padding=6, margin=4, title_text_font=FONT,
             major_label_text_font=FONT, background_fill_alpha=0.8, name="bar",
         )  # fmt: skip
         self.figure.add_layout(self.bar, "center")
         self._scale: tuple[object, ...] = ()
 
     def _fill(self, layer: str, rows: Iterable[Any] = ()) -> None:
-        """Show rows of values in a layer, in the order of the layer's columns."""
-        keys, rows = LAYERS[layer][1].split(), list(rows)
+        """Show rows of values in a layer, in the order of the layer's columns; a browser draws what differs."""
+        rows = [tuple(row) for row in rows]
+        if _alike(rows, self._shown.get(layer, [])):
+            return
+        self._shown[layer] = rows
+        keys = LAYERS[layer][1].split()
         self.sources[layer].data = {key: [row[n] for row in rows] for n, key in enumerate(keys)}
 
     def _style(self) -> None:
@@ -374,6 +379,18 @@ class Canvas:
                 if _distance(outline.points, at, outline.closed) <= near:
                     return thing.path
         return None
+
+
+def _alike(a: Sequence[Any], b: Sequence[Any]) -> bool:
+    """Return whether two rows, or lists of rows, of texts, numbers and arrays are equal."""
+    return len(a) == len(b) and all(
+        np.array_equal(x, y, equal_nan=x.dtype.kind == "f")
+        if isinstance(x, np.ndarray) and isinstance(y, np.ndarray)
+        else _alike(x, y)
+        if isinstance(x, tuple) and isinstance(y, tuple)
+        else bool(x == y)
+        for x, y in zip(a, b, strict=True)
+    )
 
 
 def _colors(picture: Picture) -> np.ndarray:

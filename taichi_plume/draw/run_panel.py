@@ -266,7 +266,7 @@ def difference(a: Picture, b: Picture, one: str, other: str) -> Picture:
     if a.scale.kind == "log":
         low = np.float32(a.scale.low)  # below, all counts as nothing
         ratio = np.log10(np.maximum(a.values, low) / np.maximum(b.values, low))
-        return Picture(f"{a.quantity}: {one} over {other}, power of ten", "1", DECADES, a.cell, ratio)
+        return Picture(f"{a.quantity}, {one} / {other}", "decades", DECADES, a.cell, ratio)
     most = a.scale.high - a.scale.low
     scale = Scale(-most, most, "linear")
-    return Picture(f"{a.quantity}: {one} - {other}", a.unit, scale, a.cell, a.values - b.values)
+    return Picture(f"{a.quantity}, {one} - {other}", a.unit, scale, a.cell, a.values - b.values)

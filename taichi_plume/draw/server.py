@@ -30,7 +30,8 @@ from taichi_plume.record.live import LOOPBACK
 
 TOKEN_BYTES = 24
 UNUSED = 15_000  # ms until the page of a closed tab is forgotten
-PERIOD = 400  # ms between looks at the runs, and at whether the text has to be checked
+PERIOD = 400  # ms between looks at the runs
+CHECKS = 40  # ms between looks at whether the text has to be checked
 LARGEST_MESSAGE = 8 << 20  # bytes, from a page: more than a scenario may have
 
 
@@ -108,7 +109,7 @@ class Service:
         self.server = BaseServer(self.loop, tornado, server)
         self.pool = ThreadPoolExecutor(1)
         self._checking = False
-        self.ticks = PeriodicCallback(self._tick, PERIOD)
+        self.ticks = PeriodicCallback(self._tick, PERIOD), PeriodicCallback(self._check, CHECKS)
 
     @property
     def address(self) -> str:
@@ -121,11 +122,13 @@ class Service:
         gc.collect()
         gc.freeze()  # Bokeh collects garbage for each page that it forgets, which would search all modules
         self.server.start()
-        self.ticks.start()
+        for tick in self.ticks:
+            tick.start()
 
     def stop(self) -> None:
         """Serve no more pages. Runs go on."""
-        self.ticks.stop()
+        for tick in self.ticks:
+            tick.stop()
         with suppress(AssertionError):  # Bokeh's, if it has been stopped already
             self.server.stop()
         self.pool.shutdown(wait=False, cancel_futures=True)
@@ -137,10 +140,12 @@ class Service:
         document.title = f"{self.workplace.file.name} - taichi_plume draw"
         Page(document, self.workplace)
 
-    async def _tick(self) -> None:
+    def _tick(self) -> None:
+        self.workplace.watch()
+        self.workplace.retry_draft()
+
+    async def _check(self) -> None:
         work = self.workplace
-        work.watch()
-        work.retry_draft()
         if self._checking or work.checked == work.text:
             return
         self._checking = True

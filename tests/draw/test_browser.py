@@ -256,7 +256,7 @@ def test_two_runs_are_compared(visit, tmp_path):
     page.press("▶ play")
     page.until(lambda: 2 < page.text_of("time") < 5)
     page.press("❚❚ pause")
-    page.until(lambda: "power of ten" in page.text_of("hint"))
+    page.until(lambda: "decades" in page.text_of("hint"))
     page.page.wait_for_timeout(500)
     page.picture("t_compared")
     assert page.errors == []

@@ -202,7 +202,7 @@ def test_runs_of_the_folder_are_listed_compared_taken_and_deleted(two, tmp_path)
     assert picture.values[well] == pytest.approx(np.log10(ten / one), abs=1e-5)
     assert picture.values[well] == pytest.approx(1.0, abs=0.01), "ten times the gas"
     assert picture.scale.kind == "linear"
-    assert "power of ten" in page.hint.text
+    assert "decades" in page.hint.text
     assert len(page.runs.dashed.data["xs"]) == 2
     page.runs._take()
     assert "rate: 50 mg/s" in page.workplace.text
