@@ -3,6 +3,7 @@
 import os
 import shutil
 from collections.abc import Collection
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from typing import Protocol
@@ -73,10 +74,19 @@ class Workplace:
 
     @property
     def scene(self) -> Scene:
-        """Objects of the present text, read once for all pages, and again if a file that an obstacle names changes."""
+        """Objects of the present text, read once for all pages, and again if a file that an obstacle names changes.
+
+        While the text is no YAML, as when it is half typed, they are those of the last text that was.
+        """
         key = self.text, stamps(self.text, self.folder)
         if self._scene is None or self._scene[0] != key:
-            self._scene = key, scene(self.text, self.folder, self.allow_outside)
+            try:
+                data_of(self.text)
+                present = scene(self.text, self.folder, self.allow_outside)
+            except LineError:
+                last = self._scene[1] if self._scene is not None else Scene(self.text, {}, None, ())
+                present = replace(last, text=self.text)
+            self._scene = key, present
         return self._scene[1]
 
     @property
