@@ -5,6 +5,7 @@ the command line is wrong, or the extra `draw` is missing.
 """
 
 import asyncio
+import os
 import signal
 import sys
 import webbrowser
@@ -42,7 +43,8 @@ def draw(
 ) -> int:
     """Draw a scenario in the browser, see its YAML beside it, check and run it; on this machine alone.
 
-    scenario: YAML file, which need not exist yet, by default a new room.yaml. port: port of the page; 0: a free one.
+    scenario: YAML file, which need not exist yet, or an example, of which a copy in the working folder is drawn; by
+    default a new room.yaml. port: port of the page; 0: a free one.
     browser: open the browser; the command prints the address in any case. allow_code: execute Python files that the
     scenario names (kind: own). allow_outside: read files that lie outside the scenario's folder.
     """
@@ -50,14 +52,25 @@ def draw(
     if missing:
         raise InputError(f"needs {', '.join(missing)}: pip install 'taichi_plume[draw]'")
     from taichi_plume.draw.workplace import Workplace
-    from taichi_plume.files.bundled import file_or_example
 
     file = scenario
-    if file is not None and file.suffix not in (".yaml", ".yml"):
-        file = file_or_example(file)
+    if file is not None and file.suffix not in (".yaml", ".yml") and not os.path.lexists(file):
+        file = _of_example(file)
     workplace = Workplace(Path.cwd(), file, allow_outside, allow_code)
     asyncio.run(_serve(workplace, port, debug["debug"], browser))
     return 0
+
+
+def _of_example(name: Path) -> Path:
+    """Return the copy of an example's scenario in the working folder, an earlier one as it is. Raises InputError."""
+    from taichi_plume.cli.examples import copied
+    from taichi_plume.files.bundled import example
+
+    found = example(str(name))
+    if found.path.suffix != ".yaml" or found.kind == "study":
+        raise InputError(f"{name}: is a {found.kind}, no scenario that can be drawn")
+    earlier = Path(found.path.name)
+    return earlier if earlier.exists() else copied(found, Path())
 
 
 async def _serve(workplace: "Workplace", port: int, debug: bool, browser: bool) -> None:

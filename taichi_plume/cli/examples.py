@@ -97,7 +97,13 @@ def _run(name: str, *options: str) -> int:
 
 
 def _copy(chosen: Example, out: Path) -> int:
-    """Copy an example and its input files into a folder; return the exit code. A file that exists is an error."""
+    main_copy = copied(chosen, out)
+    say(f"use: {KINDS[chosen.kind].use.format(main_copy)}")
+    return 0
+
+
+def copied(chosen: Example, out: Path) -> Path:
+    """Copy an example and its input files into a folder; return its copy. Raises InputError if a file exists."""
     from taichi_plume.files.disk import written_whole
 
     folder = chosen.path.parent
@@ -117,8 +123,7 @@ def _copy(chosen: Example, out: Path) -> int:
             with written_whole(path, replace=False) as fresh:
                 shutil.copyfile(file, fresh)
         say(f"{path}: {'unchanged' if path in same else 'copied'}")
-    say(f"use: {KINDS[chosen.kind].use.format(main_copy)}")
-    return 0
+    return main_copy
 
 
 def _files_of(chosen: Example) -> list[Path]:

@@ -372,6 +372,13 @@ class Page:
         self.ask("Take the file's text instead? Undo returns to the present one.", self.workplace.reload)
 
     def _run(self) -> None:
+        alive = [str(run.number) for run in self.workplace.runs if run.alive]
+        if alive:
+            self.ask(f"Run {', '.join(alive)} goes on. Start another one beside?", self._start)
+        else:
+            self._start()
+
+    def _start(self) -> None:
         self.tabs.active = 3
         self.choose("")  # handles would lie on the picture of the run
         self.time.choose(None)

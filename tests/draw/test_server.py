@@ -46,3 +46,26 @@ def test_pages_of_closed_tabs_are_freed(tmp_path, monkeypatch):
     gc.collect()
     assert [page() for page in pages] == [None, None]
     assert place.pages == []
+
+
+def test_an_example_is_drawn_as_a_copy(tmp_path, monkeypatch, capsys):
+    from taichi_plume.cli import draw
+
+    drawn = []
+
+    async def serve(place, *_):
+        drawn.append(place.file)
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(draw, "_serve", serve)
+    assert draw.main(["casting_room"]) == 0
+    file = tmp_path / "casting_room.yaml"
+    assert drawn == [file]
+    assert file.read_bytes() == (ROOT / "configs/casting_room.yaml").read_bytes()
+    file.write_text("# mine\n")
+    assert draw.main(["casting_room"]) == 0, "an earlier copy is drawn as it is"
+    assert file.read_text() == "# mine\n"
+    for name, words in (("studies/wind_speeds", "is a study"), ("casting_rom", "casting_room")):
+        assert draw.main([name]) == 2
+        assert words in capsys.readouterr().err
+    assert len(drawn) == 2
