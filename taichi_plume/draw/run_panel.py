@@ -261,12 +261,12 @@ class RunPanel:
             self.page.time.choose(None if run is None or run.alive else run.recorded[1])
 
 
-def difference(a: Picture, b: Picture, one: str, other: str) -> Picture:
+def difference(a: Picture, b: Picture, first: str, second: str) -> Picture:
     """Return how two pictures of a quantity differ: as a ratio in powers of ten on a logarithmic scale, else a - b."""
     if a.scale.kind == "log":
         low = np.float32(a.scale.low)  # below, all counts as nothing
         ratio = np.log10(np.maximum(a.values, low) / np.maximum(b.values, low))
-        return Picture(f"{a.quantity}, {one} / {other}", "decades", DECADES, a.cell, ratio)
+        return Picture(f"{a.quantity}, {first} / {second}", "decades", DECADES, a.cell, ratio)
     most = a.scale.high - a.scale.low
     scale = Scale(-most, most, "linear")
-    return Picture(f"{a.quantity}, {one} - {other}", a.unit, scale, a.cell, a.values - b.values)
+    return Picture(f"{a.quantity}, {first} - {second}", a.unit, scale, a.cell, a.values - b.values)
