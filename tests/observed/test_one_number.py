@@ -11,7 +11,6 @@ import xarray
 import taichi_plume as tp
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.grid import fields
-from taichi_plume.results import bag_of_run
 from taichi_plume.serve.topics import Scene
 from taichi_plume.time_loop import TimeLoop
 
@@ -127,7 +126,7 @@ def test_one_place_and_time_has_one_number(seen, tmp_path):
     last = run.pictures.isel(time=-1)
     assert float(last.time) == 4.0
     tp.export(bare.folder, to="netcdf", source="recording", out=tmp_path / "pictures.nc")
-    bag_of_run.write(bare, tmp_path / "bag", bag_of_run.Choice(least=0.0))
+    tp.export(bare.folder, to="mcap", out=tmp_path / "bag", least=0.0)
     clouds = bag(tmp_path / "bag")
     live = {
         each.topic: ros.points_of(each.make())
