@@ -29,6 +29,7 @@ from taichi_plume.time_loop import Every, EveryStep, TimeLoop
 from taichi_plume.version import __version__
 
 FLUSH_PERIOD = 10.0  # wall-clock time [s] between flushes
+PICTURES_PERIOD = 30.0  # the same of the pictures, whose first flush takes half a second (import of zarr)
 USUAL = 300.0  # wall-clock time [s] between checkpoints
 OVER = ("completed", "stopped")
 
@@ -108,7 +109,7 @@ class Outputs:
         self.remarks: list[str] = []
         self._remarks_printed = False
         self._every, self._wall = self._periods()
-        self._flushed = self._checked = time.monotonic()
+        self._flushed = self._pictured = self._checked = time.monotonic()
         self._digests: Future[Json] = Future()
         self._begun = time.monotonic()
 
@@ -237,21 +238,26 @@ class Outputs:
         if self.resumable and (due or self.signals.asked):
             self.checkpoint()
         elif self.signals.asked or now - self._flushed >= FLUSH_PERIOD:
-            self._flush()
+            self._flush(self.signals.asked)
 
-    def _flush(self) -> None:
+    def _flush(self, whole: bool = False) -> None:
+        """Write what has been recorded to the disk; whole: also pictures that are not due."""
+        now = time.monotonic()
+        whole |= now - self._pictured >= PICTURES_PERIOD
         folder = self.about.folder
         if not folder.is_dir():
             raise FileNotFoundError(errno.ENOENT, "the run's directory has been removed", str(folder))
         for table in self.tables:
-            table.flush()
+            if whole or not isinstance(table, PictureStore):
+                table.flush()
+        self._pictured = now if whole else self._pictured
         self._write_progress()
         self.signals.asked = False
         self._flushed = time.monotonic()
 
     def checkpoint(self) -> None:
         """Flush all files and write a checkpoint of the present time step."""
-        self._flush()
+        self._flush(whole=True)
         if self.recorder:
             self.recorder.flush()
         self._state = self._state or State(self)
