@@ -20,6 +20,8 @@ POLICY = (
     "frame-ancestors 'self'; form-action 'self'; base-uri 'none'; object-src 'none'"
 )
 """Content security policy: browsers load nothing for the page from elsewhere, and show it in no foreign frame."""
+REPORTS = "default-src data:; style-src 'unsafe-inline'; frame-ancestors 'self'; sandbox allow-popups"
+"""Policy of the reports of runs, which may be of others: no script, and nothing of the page within reach."""
 
 
 class Access:
@@ -107,7 +109,7 @@ class Protection(OutputTransform):
     def transform_first_chunk(
         self, status_code: int, headers: HTTPHeaders, chunk: bytes, finishing: bool
     ) -> tuple[int, HTTPHeaders, bytes]:
-        headers["Content-Security-Policy"] = self.access.policy
+        headers.setdefault("Content-Security-Policy", self.access.policy)
         headers["Referrer-Policy"] = "no-referrer"
         headers["X-Content-Type-Options"] = "nosniff"
         headers["Cross-Origin-Resource-Policy"] = "same-origin"

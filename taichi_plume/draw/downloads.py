@@ -12,7 +12,7 @@ from urllib.parse import quote
 
 from tornado.web import HTTPError, RequestHandler
 
-from taichi_plume.draw.access import Access
+from taichi_plume.draw.access import REPORTS, Access
 from taichi_plume.draw.document import data_of
 from taichi_plume.draw.workplace import Workplace
 from taichi_plume.files.run_folder import files_in
@@ -79,6 +79,8 @@ class OfRun(_Files):
         file = run.folder / name
         if not file.is_file() or file.is_symlink():
             raise HTTPError(404)
+        if name == "report.html":
+            self.set_header("Content-Security-Policy", REPORTS)
         await self.offer(name, file, inline=True)
 
 

@@ -134,6 +134,27 @@ def test_the_text_and_its_picture_are_shared(page):
     assert page.get("/share/room.png")[2].startswith(b"\x89PNG")
 
 
+def test_reports_of_others_run_no_scripts(tmp_path):
+    """A folder in `runs` may come from anywhere; its report is shown within the page."""
+    folder = tmp_path / "runs" / "foreign-1"
+    folder.mkdir(parents=True)
+    for name in ("result.json", "scenario.yaml"):
+        (folder / name).write_text("{}")
+    (folder / "report.html").write_text("<script>parent.document.title = 'mine'</script>")
+    (tmp_path / "runs" / "link").symlink_to(tmp_path)
+    with serving(tmp_path) as served:
+        status, headers, _ = served.get("/runs/1/report.html")
+        assert status == 200
+        policy = dict(
+            part.strip().partition(" ")[::2] for part in headers["Content-Security-Policy"].split(";")
+        )
+        assert policy["default-src"] == "data:"
+        assert "script-src" not in policy
+        assert "allow-scripts" not in policy["sandbox"]
+        assert "allow-same-origin" not in policy["sandbox"]
+        assert served.get("/runs/2/report.html")[0] == 404
+
+
 def command(folder: Path, *arguments: str):
     line = [sys.executable, "-m", "taichi_plume.draw", "--no-browser", *arguments]
     return subprocess.run(line, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
