@@ -224,7 +224,9 @@ class Tracks:
         self.stream.send(f"{poses}/{robot.name}", t, transforms)
         path = np.vstack([robot.last.get(trails, place[:1]), place])
         robot.last[trails] = place[-1:]
-        steps = rr.LineStrips3D.columns(strips=np.stack([path[:-1], path[1:]], axis=1))
+        steps = rr.LineStrips3D.columns(
+            strips=np.stack([path[:-1], path[1:]], axis=1, dtype=np.float32, casting="same_kind")
+        )
         self.stream.send(f"{trails}/{robot.name}", t, steps)
 
 
