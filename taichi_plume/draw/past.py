@@ -1,6 +1,6 @@
 """Moments of a run from the files in its folder, in the form in which `latest_instant` has the last one."""
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ from taichi_plume.guard.input_error import InputError
 from taichi_plume.observed.scales import Scale
 from taichi_plume.results import pictures
 from taichi_plume.results.run import Run
-from taichi_plume.results.tracks import ABOVE, Track, tracks
+from taichi_plume.results.tracks import Track, tracks
 
 HERE = "slice"  # the plane that is shown: the first horizontal one
 
@@ -62,7 +62,7 @@ class Past:
         rows = [[each.values[key][n] for key in ("x", "y", "heading")] for each, n in now]
         return np.array(rows, float).reshape(-1, 3).T
 
-    @property
+    @cached_property
     def readings(self) -> np.ndarray:
         """Time [s] and readings [ppm] of the robots in the whole run, (samples, 1 + robots)."""
         longest = max(self.tracks, key=lambda each: len(each.t), default=None)
@@ -71,7 +71,7 @@ class Past:
         found = np.full((len(longest.t), 1 + len(self.tracks)), np.nan)
         found[:, 0] = longest.t
         for n, each in enumerate(self.tracks, 1):
-            found[: len(each.t), n] = each.values[ABOVE]
+            found[: len(each.t), n] = each.values["reading_ppm"]
         return found
 
 

@@ -10,7 +10,7 @@ from bokeh.plotting import figure
 
 from taichi_plume.draw.document import data_of
 from taichi_plume.draw.objects import named, names
-from taichi_plume.draw.runs import Run
+from taichi_plume.draw.runs import LISTED, Run
 from taichi_plume.execution.latest_instant import Instant, Picture
 from taichi_plume.observed.scales import Scale
 from taichi_plume.report import theme
@@ -18,7 +18,6 @@ from taichi_plume.report import theme
 if TYPE_CHECKING:
     from taichi_plume.draw.page import Page
 
-LISTED = 10
 DECADES = Scale(-2.0, 2.0, "linear")  # of a ratio of concentrations
 ENDED = ("completed", "stopped")
 """States of runs that have come to their end; a run stops early if its robots are done."""
@@ -33,6 +32,7 @@ class RunPanel:
     def __init__(self, page: "Page"):
         self.page, self.number = page, 0
         self._shown: tuple[Instant | None, Run | None] = None, None
+        self._drawn: dict[str, np.ndarray | None] = {}  # readings of the curves' sources
         self._pair: tuple[Instant | None, Instant | None, Picture | None] = None, None, None
         self._frames: tuple[int, bool] = (0, False)
         self.stop = Button(label="■ Stop", width=80, disabled=True, name="stop")
@@ -199,7 +199,11 @@ class RunPanel:
         other = self.compared
         last = other.moment(np.inf) if other is not None else None
         for source, seen in ((self.curves, sight), (self.dashed, last)):
-            times, *readings = seen.readings.T if seen is not None else [np.empty(0)]
+            table = seen.readings if seen is not None else None
+            if table is self._drawn.get(source.id):
+                continue
+            self._drawn[source.id] = table
+            times, *readings = table.T if table is not None else [np.empty(0)]
             source.data = {
                 "xs": [times for _ in readings],
                 "ys": readings,

@@ -116,7 +116,7 @@ class Run:
         if self._result is not None:
             return self._result
         content = read_json(self.folder / "result.json")
-        if self.wall is not None:
+        if self.wall is not None or not self.begun_here:
             self._result = content
         return content
 

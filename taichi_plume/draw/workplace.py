@@ -281,7 +281,7 @@ class Workplace:
 
     def watch(self) -> None:
         """Read the states of the runs; pages show what has changed."""
-        running = [run for run in self.runs if run.wall is None]
+        running = [run for run in self.runs if run.begun_here and run.wall is None]
         for run in running:
             run.poll()
         if running:

@@ -129,6 +129,10 @@ def test_the_slider_shows_moments_of_a_run_that_has_ended(ended):
     ways = page.canvases[ABOVE].sources["trails"].data["xs"]
     assert [len(way) for way in ways] == [26, 26], "a place per 0.1 s"
     assert page.runs.now.location == 2.5
+    drawn = page.runs.curves.data
+    bar.slider.value = 3.0
+    assert page.runs.curves.data is drawn, "the readings of the whole run are drawn once"
+    bar.slider.value = 2.5
     page._typed(TEXT.replace("size: [2, 1.2]", "size: [2, 1.5]"))
     assert shown(page)[0] == 1, "a chosen moment stays while the room is edited"
     assert "run 1" in page.canvases[ABOVE].note.text
@@ -190,6 +194,9 @@ def test_runs_of_the_folder_are_listed_compared_taken_and_deleted(two, tmp_path)
     page = page_of(tmp_path / "place")
     assert [run.folder.name for run in page.workplace.runs] == ["small-1", "small-2"]
     assert "small-2" in page.runs.table.text
+    page.workplace.watch()
+    spent = tp.open_run(page.workplace.runs[0].folder).result["wall_s"]
+    assert page.workplace.runs[0].row()["took"] == f"{spent:.0f} s", "not the time since the page was opened"
     assert page.workplace.runs[1].changes.endswith("rate: 5 mg/s → 50 mg/s")
     page.runs.shown.value = "2"
     page.time.choose(4.0)
