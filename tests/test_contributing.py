@@ -107,6 +107,7 @@ LOOKS = [
     "serve/",
     "client",
     "envs/truth",
+    "draw/past",
 ]
 
 
