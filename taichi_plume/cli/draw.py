@@ -53,24 +53,14 @@ def draw(
         raise InputError(f"needs {', '.join(missing)}: pip install 'taichi_plume[draw]'")
     from taichi_plume.draw.workplace import Workplace
 
-    file = scenario
-    if file is not None and file.suffix not in (".yaml", ".yml") and not os.path.lexists(file):
-        file = _of_example(file)
-    workplace = Workplace(Path.cwd(), file, allow_outside, allow_code)
+    named = (
+        scenario is not None and scenario.suffix not in (".yaml", ".yml") and not os.path.lexists(scenario)
+    )
+    workplace = Workplace(Path.cwd(), None if named else scenario, allow_outside, allow_code)
+    if named:
+        workplace.example(str(scenario))
     asyncio.run(_serve(workplace, port, debug["debug"], browser))
     return 0
-
-
-def _of_example(name: Path) -> Path:
-    """Return the copy of an example's scenario in the working folder, an earlier one as it is. Raises InputError."""
-    from taichi_plume.cli.examples import copied
-    from taichi_plume.files.bundled import example
-
-    found = example(str(name))
-    if found.path.suffix != ".yaml" or found.kind == "study":
-        raise InputError(f"{name}: is a {found.kind}, no scenario that can be drawn")
-    earlier = Path(found.path.name)
-    return earlier if earlier.exists() else copied(found, Path())
 
 
 async def _serve(workplace: "Workplace", port: int, debug: bool, browser: bool) -> None:

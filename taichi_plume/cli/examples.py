@@ -5,8 +5,6 @@ or `study`. ``--copy NAME`` copies an example with its input files. Exit codes a
 unknown name, for an example that is not run by a command, and for a copy that would overwrite a file.
 """
 
-import filecmp
-import os
 import shutil
 import sys
 import textwrap
@@ -18,7 +16,7 @@ from typing import Annotated, NamedTuple
 from taichi_plume.cli.exit_codes import exit_code
 from taichi_plume.cli.options import parser_of
 from taichi_plume.execution.signals import reader_may_leave
-from taichi_plume.files.bundled import Example, example, names
+from taichi_plume.files.bundled import Example, copied, example, names
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import say
 
@@ -97,47 +95,11 @@ def _run(name: str, *options: str) -> int:
 
 
 def _copy(chosen: Example, out: Path) -> int:
-    main_copy = copied(chosen, out)
-    say(f"use: {KINDS[chosen.kind].use.format(main_copy)}")
-    return 0
-
-
-def copied(chosen: Example, out: Path) -> Path:
-    """Copy an example and its input files into a folder; return its copy. Raises InputError if a file exists."""
-    from taichi_plume.files.disk import written_whole
-
-    folder = chosen.path.parent
-    copies = {out / file.relative_to(folder): file for file in _files_of(chosen)}
-    main_copy = next(iter(copies))
-    same = [path for path in copies if path.is_file() and filecmp.cmp(copies[path], path, shallow=False)]
-    existing = [
-        str(path) for path in copies if os.path.lexists(path) and (path == main_copy or path not in same)
-    ]
-    if existing:
-        raise InputError(
-            f"{', '.join(existing)}: exists, and no file is overwritten; choose another folder by --out DIR"
-        )
-    for path, file in copies.items():
-        if path not in same:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with written_whole(path, replace=False) as fresh:
-                shutil.copyfile(file, fresh)
-        say(f"{path}: {'unchanged' if path in same else 'copied'}")
-    return main_copy
-
-
-def _files_of(chosen: Example) -> list[Path]:
-    """Return the file of an example, the base scenario of a study, the input files of the scenario, or the layout."""
-    from taichi_plume.scenario.input_files import files_of, input_files
-    from taichi_plume.scenario.loading import read_scenario
     from taichi_plume.studies.plan import read_study
 
-    if chosen.kind == "launch":
-        return [chosen.path, chosen.path.with_name(chosen.name.replace(".launch.py", ".foxglove.json"))]
-    if chosen.kind == "program":
-        return [chosen.path]
-    folder, base = chosen.path.parent, chosen.path
-    if chosen.kind == "study":
-        base = folder / read_study(chosen.path).base
-    inputs = [file for _, name in input_files(read_scenario(base)) for file in files_of(folder, name)]
-    return [chosen.path, base, *inputs]
+    base = chosen.path.parent / read_study(chosen.path).base if chosen.kind == "study" else None
+    copies = copied(chosen, out, base)
+    for path, is_new in copies.items():
+        say(f"{path}: {'copied' if is_new else 'unchanged'}")
+    say(f"use: {KINDS[chosen.kind].use.format(next(iter(copies)))}")
+    return 0

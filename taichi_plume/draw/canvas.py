@@ -133,16 +133,26 @@ class Canvas:
 
     def _style(self) -> None:
         plot: Any = self.figure
-        plot.background_fill_color, plot.border_fill_color = "#eceff2", "#ffffff"
-        plot.grid.grid_line_color, plot.grid.grid_line_alpha = "#c9d1d9", 0.6
-        plot.grid.level = "underlay"
-        plot.outline_line_color = None
+        plot.grid.grid_line_alpha, plot.grid.level, plot.outline_line_color = 0.6, "underlay", None
         for axis in plot.axis:
             axis.axis_label_text_font = axis.major_label_text_font = FONT
             axis.axis_label_text_font_style = "normal"
-            axis.axis_label_text_color = axis.major_label_text_color = theme.FAINT
             axis.axis_line_color = axis.minor_tick_line_color = None
-            axis.major_tick_line_color = "#c9d1d9"
+        self.paint(False)
+
+    def paint(self, dark: bool) -> None:
+        """Colour what lies around the room for a dark or a light page; the floor stays white, as in reports."""
+        plot: Any = self.figure
+        desk, paper, lines, letters = (
+            ("#12161a", "#12161a", "#434d58", "#a3afbb")
+            if dark
+            else ("#e9edf1", "#f3f5f7", "#c5cdd6", "#586473")
+        )
+        plot.background_fill_color, plot.border_fill_color = desk, paper
+        plot.grid.grid_line_color = lines
+        for axis in plot.axis:
+            axis.axis_label_text_color = axis.major_label_text_color = letters
+            axis.major_tick_line_color = lines
 
     # ---------------------------------------------------------------- objects
 

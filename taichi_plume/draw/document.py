@@ -4,6 +4,7 @@ A round trip through an object model, as by ruamel.yaml, breaks lines of long li
 PyYAML's nodes say where a value stands, and each edit is verified: the new text has exactly the expected data.
 """
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from functools import lru_cache
@@ -55,6 +56,22 @@ def parent_of(path: str) -> tuple[str, str]:
     """Return the path of the section that contains a path, and the last step: a key or an index."""
     *above, last = steps_of(path)
     return path_of(above), last
+
+
+def line_of(text: str, path: str, fault: str = "") -> int:
+    """Return the line of a path in a text, from 0: that of the innermost step which the text has.
+
+    fault: error which says "line N" where the text is no YAML.
+    """
+    found = re.match(r"line (\d+)\b", fault)
+    if found:
+        return int(found[1]) - 1
+    try:
+        node, key = _chain(text, steps_of(path) if path else ())[-1]
+    except yaml.YAMLError:
+        return 0
+    place = key or node
+    return place.start_mark.line if place is not None else 0
 
 
 def set_value(text: str, path: str, value: object) -> str:

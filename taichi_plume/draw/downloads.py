@@ -5,7 +5,9 @@ import shutil
 import tempfile
 import zipfile
 from asyncio import get_running_loop
+from importlib.util import find_spec
 from io import BytesIO
+from json import dumps
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -13,6 +15,7 @@ from urllib.parse import quote
 from tornado.web import HTTPError, RequestHandler
 
 from taichi_plume.draw.access import REPORTS, Access
+from taichi_plume.draw.completions import completions
 from taichi_plume.draw.document import data_of
 from taichi_plume.draw.workplace import Workplace
 from taichi_plume.files.run_folder import files_in
@@ -31,6 +34,8 @@ TYPES = {
     ".rrd": "application/octet-stream",
 }
 DPI = 150.0
+_ace = find_spec("django_ace")  # found, never imported: only its static files are used
+ACE = Path(_ace.origin).parent / "static/django_ace/ace" if _ace is not None and _ace.origin else None
 _viewer: dict[str, bytes] = {}
 
 
@@ -99,6 +104,26 @@ class Viewer(_Files):
         await self.offer(name or "index.html", _viewer[name or "index.html"], inline=True)
 
 
+class Editor(_Files):
+    """Scripts of the editor Ace, from the package that brings them; the page does without where it is missing."""
+
+    async def get(self, name: str) -> None:
+        if ACE is None:
+            raise HTTPError(404)
+        await self.offer(name, ACE / name, inline=True)
+
+
+class Completions(_Files):
+    """What may stand at a place of the text, as Ace takes it."""
+
+    async def get(self) -> None:
+        index = self.get_query_argument("index", "")
+        found = completions(self.workplace.text, int(index)) if index.isdecimal() else []
+        words = [{"value": each.word, "meta": each.unit, "docText": each.meaning} for each in found]
+        self.set_header("Content-Type", "application/json")
+        self.write(dumps(words))
+
+
 def picture(workplace: Workplace) -> bytes:
     """Return a PNG of the room, as ``run --check`` draws it. Raises ScenarioError if the scenario has errors."""
     from taichi_plume.assembly.preparation import load
@@ -130,4 +155,10 @@ def patterns(workplace: Workplace, access: Access) -> list[Any]:
         (r"/share/room\.(yaml|png)", Share, about),
         (r"(?:/pass/[0-9a-f]{64})?/runs/(\d{1,6})/(report\.html|recording\.rrd|run\.zip)", OfRun, about),
         (rf"/viewer/({viewer})", Viewer, about),
+        (
+            r"/editor/((?:ace|mode-yaml|ext-language_tools|theme-github_dark|theme-github_light_default)\.js)",
+            Editor,
+            about,
+        ),
+        (r"/editor/completions", Completions, about),
     ]

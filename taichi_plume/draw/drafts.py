@@ -130,6 +130,11 @@ class Drafts:
         self.waiting.remove(draft)
         draft.remove()
 
+    def leave(self) -> None:
+        """Leave all drafts where they are, for whoever opens the file next."""
+        for draft in (*self.waiting, *self._earlier, *([self.own] if self.own else [])):
+            draft.release()
+
     def drop(self) -> None:
         """Remove the drafts of this server's texts: all changes are saved. Waiting drafts stay."""
         for draft in (*self._earlier, *([self.own] if self.own else [])):

@@ -3,9 +3,11 @@
 A page holds no scenario: pointer and form edit the text, and the text's change redraws all pages of the server.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from html import escape
+from json import dumps
+from pathlib import Path
 from typing import Any
 
 from bokeh.document import Document
@@ -21,11 +23,14 @@ from bokeh.models import (
     TextAreaInput,
     TextInput,
 )
+from bokeh.themes import Theme
 
 from taichi_plume.draw import edits
-from taichi_plume.draw.canvas import UNLIKELY, WRONG, Canvas
-from taichi_plume.draw.checks import Findings
+from taichi_plume.draw.canvas import Canvas
+from taichi_plume.draw.checks import Findings, Remark
+from taichi_plume.draw.document import line_of
 from taichi_plume.draw.drafts import Draft
+from taichi_plume.draw.file_menu import FileMenu
 from taichi_plume.draw.form_panel import FormPanel
 from taichi_plume.draw.pointer import Pointer
 from taichi_plume.draw.run_panel import RunPanel
@@ -35,43 +40,12 @@ from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.yaml_text import LineError
 from taichi_plume.report.theme import ABOVE, SIDE
 
-STYLE = """
-:host { font-family: Helvetica, Arial, sans-serif; font-size: 13px; color: #1d2733; }
-.bk-btn { padding: 4px 8px; }
-.bk-input, .bk-input-group select { min-height: 24px; height: 26px; padding: 2px 8px; }
-.bk-input-group label { color: #5d6875; font-size: 12px; }
-.bk-btn, .bk-input, label { font-family: Helvetica, Arial, sans-serif; font-size: 13px; }
-"""
-TEXT_STYLE = "textarea.bk-input { height: 100%; font: 12px monospace; white-space: pre; overflow: auto; }"
-ONE_LINE: dict[str, str | None] = {
-    "color": "#5d6875",
-    "white-space": "nowrap",
-    "overflow": "hidden",
-    "text-overflow": "ellipsis",
-}
 GAP = 30  # ms from one page that follows to the next, in which the server reads what users do
-HIDDEN = "hidden"  # `document.visibilityState` of a tab in the background
 ABOUT_NAME = "Another name saves the text as a new file"
-SCRIPT = """
-// Bokeh takes no drag that begins 0.3 s after the press; the longest timer of browsers puts that off
-Bokeh.require("core/ui_gestures").UIGestures.press_threshold = 2 ** 31 - 1
-document.addEventListener("keydown", (event) => {
-  const target = event.composedPath()[0]
-  const typing = ["INPUT", "TEXTAREA", "SELECT"].includes(target.tagName)
-  const command = event.ctrlKey || event.metaKey
-  const key = event.key.toLowerCase()
-  const name = command ? {z: event.shiftKey ? "redo" : "undo", y: "redo", d: "copy", s: "save"}[key]
-                       : {delete: "delete", backspace: "delete", escape: "escape"}[key]
-  if (name == null || (typing && name != "save")) return
-  event.preventDefault()
-  if (typing) target.dispatchEvent(new Event("change"))  // Bokeh takes an entry once its field is left
-  keys.value = `${name} ${Date.now()}`
-})
-const tell = () => { seen.value = document.visibilityState }
-document.addEventListener("visibilitychange", tell)
-tell()
-"""
-"""The only script of the page: slow drags are drags; keys, and whether the tab is seen, go to hidden inputs."""
+HERE = Path(__file__).parent
+STYLE, SCRIPT = (HERE.joinpath(name).read_text(encoding="utf-8") for name in ("style.css", "page.js"))
+HEAD = f"{{% block postamble %}}<style>{STYLE}</style>{{% endblock %}}"
+"""What the style sheet adds to Bokeh's template of the page."""
 
 
 class Page:
@@ -88,6 +62,10 @@ class Page:
         self.asked: Callable[[], None] | None = None
         self._left: Draft | None = None  # the draft that the standing question is about
         self._said = workplace.drafts.unreadable
+        self.sheet = InlineStyleSheet(css=STYLE)
+        document.theme = Theme(json={"attrs": {"UIElement": {"stylesheets": [self.sheet]}}})
+        document.template = HEAD
+        document.config.notify_connection_status = False  # the script says so
         self.canvases = {ABOVE: Canvas(ABOVE), SIDE: Canvas(SIDE)}
         self.time = TimeBar(self)
         self.form, self.runs = FormPanel(self), RunPanel(self)
@@ -107,7 +85,7 @@ class Page:
         is_first, work = not self._due, self.look if runs_alone else self.refresh
         if work not in self._due:
             self._due.append(work)
-        if is_first and self.seen.value != HIDDEN:
+        if is_first and not self.hidden:
             self.document.add_timeout_callback(self._catch_up, GAP * (1 + self.workplace.pages.index(self)))
 
     def _catch_up(self) -> None:
@@ -115,18 +93,25 @@ class Page:
         for work in due:
             work()
 
-    def _seen(self) -> None:
-        if self.seen.value != HIDDEN:
+    @property
+    def hidden(self) -> bool:
+        """Whether the tab is in the background."""
+        return self.seen.value.startswith("hidden")
+
+    def _seen(self, state: str) -> None:
+        for canvas in self.canvases.values():
+            canvas.paint(state.endswith("dark"))
+        if not self.hidden:
             self._catch_up()
 
     # ---------------------------------------------------------------- layout
 
     def _build(self) -> None:
-        sheet = InlineStyleSheet(css=STYLE)
-        self.pointer = Pointer(self, sheet)
-        self.name = TextInput(width=170, name="file", stylesheets=[sheet], description=ABOUT_NAME)
+        self.pointer = Pointer(self, self.sheet)
+        self.files = FileMenu(self)
+        self.name = TextInput(width=170, name="file", description=ABOUT_NAME)
         self.name.on_change("value", lambda _attr, _old, new: self._renamed(new))
-        self.title = Div(styles={"color": "#7b8794"}, sizing_mode="stretch_width", align="center")
+        self.title = Div(css_classes=["faint"], sizing_mode="stretch_width", align="center")
         self.undo, self.redo = self._button("↶ Undo", self._undo, 80), self._button("↷ Redo", self._redo, 80)
         self.tools = [
             self._button("Copy", self._copy, 60),
@@ -140,61 +125,67 @@ class Page:
             '<a href="share/room.yaml">YAML</a> &nbsp; <a href="share/room.png" target="_blank">picture</a>'
         )
         bar = row(
-            self.name, self.title, self.undo, self.redo, *self.tools,
+            self.files.button, self.name, self.title, self.undo, self.redo, *self.tools,
             row(Div(text="grid", align="center"), self.pointer.step),
-            self._button("Whole room", self._fit, 95), self._button("Save", lambda: self.save(), 70),
-            Div(text=links, align="center"), run,
-            sizing_mode="stretch_width", styles={"flex-wrap": "wrap"},  # in a narrow window
+            self._button("Whole room", self._fit, 95), Div(text=links, align="center"), run,
+            sizing_mode="stretch_width", css_classes=["bar"],
         )  # fmt: skip
         # of fixed heights: if the views changed their size with each line of text, a drag would miss its aim
-        self.hint = Div(styles=ONE_LINE, sizing_mode="stretch_width", height=18, name="hint")
-        size_style: Any = {"color": "#5d6875", "overflow-y": "auto"}
-        self.size = Div(styles=size_style, sizing_mode="stretch_width", height=36, name="size")
-        self.message = Div(styles={"color": WRONG}, sizing_mode="stretch_width", height=18, name="message")
+        self.hint = Div(css_classes=["line", "faint"], sizing_mode="stretch_width", height=20, name="hint")
+        self.size = Div(css_classes=["scrolls"], sizing_mode="stretch_width", height=42, name="size")
+        self.message = Div(
+            css_classes=["bad", "line"], sizing_mode="stretch_width", height=20, name="message"
+        )
         self.banner = Div(sizing_mode="stretch_width")
         answers = self._button("Yes", self._yes, 60), self._button("No", self._no, 60)
-        self.question = row(self.banner, *answers, visible=False, sizing_mode="stretch_width")
-        self.question.styles = {"background": "#fff4d6", "padding": "6px", "border-radius": "4px"}
+        self.question = row(
+            self.banner, *answers, visible=False, sizing_mode="stretch_width", css_classes=["ask"]
+        )
         above, side = self.canvases[ABOVE].figure, self.canvases[SIDE].figure
         side.update(height=190, sizing_mode="stretch_width")
         views = column(
-            self.question,
-            self.message,
-            above,
-            side,
-            self.time.layout,
-            self.hint,
-            self.size,
+            self.files.layout, self.question, self.message, above, side, self.time.layout, self.hint, self.size,
             sizing_mode="stretch_both",
-        )
+        )  # fmt: skip
         self.text = TextAreaInput(
-            max_length=None, sizing_mode="stretch_both", name="yaml",  # type: ignore[arg-type]
-            stylesheets=[sheet, InlineStyleSheet(css=TEXT_STYLE)],
+            max_length=None, sizing_mode="stretch_both", name="yaml", css_classes=["mono"],  # type: ignore[arg-type]
         )  # fmt: skip
         self.text.on_change("value_input", lambda _attr, _old, new: self._typed(new))
+        self.editor = Div(sizing_mode="stretch_both", name="editor")
         self.remarks = Div(sizing_mode="stretch_width", name="remarks")
         contents = {
-            "Form": self.form.layout, "YAML": self.text,
-            "Remarks": column(self.remarks, sizing_mode="stretch_both"),
+            "Form": self.form.layout, "YAML": column(self.editor, self.text, sizing_mode="stretch_both"),
+            "Remarks": column(self.remarks, sizing_mode="stretch_both", css_classes=["scrolls"]),
             "Runs": self.runs.layout, "Report": self.runs.report, "Recording": self.runs.recording,
         }  # fmt: skip
         self.tabs = Tabs(
             tabs=[TabPanel(child=child, title=title) for title, child in contents.items()],
-            width=430, sizing_mode="stretch_height", stylesheets=[sheet], styles={"max-width": "60vw"},
+            sizing_mode="stretch_height", css_classes=["side"],
         )  # fmt: skip
         self.tabs.on_change("active", lambda _attr, _old, new: self._tab(new))
-        self.keys = TextInput(visible=False, name="keys")
-        self.keys.on_change("value", lambda _attr, _old, new: self._key(new.partition(" ")[0]))
+        self.acts = TextInput(visible=False, name="acts")
+        self.acts.on_change("value", lambda _attr, _old, new: self._act(new.rpartition(" ")[0]))
         self.seen = TextInput(visible=False, name="seen")
-        self.seen.on_change("value", lambda _attr, _old, _new: self._seen())
-        inputs = {"keys": self.keys, "seen": self.seen}
-        self.document.js_on_event(DocumentReady, CustomJS(args=inputs, code=SCRIPT))
-        palette = column(self.pointer.palette, self.pointer.file)
+        self.seen.on_change("value", lambda _attr, _old, new: self._seen(new))
+        self.notes = TextInput(visible=False, name="notes")
+        models = {
+            "acts": self.acts,
+            "seen": self.seen,
+            "text": self.text,
+            "editor": self.editor,
+            "notes": self.notes,
+        }
+        self.document.js_on_event(DocumentReady, CustomJS(args=models, code=SCRIPT))
+        palette = column(
+            self.pointer.palette, self.pointer.file, css_classes=["scrolls"], sizing_mode="stretch_height"
+        )
         body = row(palette, views, self.tabs, sizing_mode="stretch_both")
-        self.layout = column(bar, body, self.keys, self.seen, sizing_mode="stretch_both", stylesheets=[sheet])
+        self.layout = column(
+            bar, body, self.acts, self.seen, self.notes, sizing_mode="stretch_both", stylesheets=[self.sheet]
+        )
 
     def _button(self, label: str, work: Callable[[], Any], width: int) -> Button:
-        button = Button(label=label, width=width, stylesheets=[InlineStyleSheet(css=STYLE)])
+        button = Button(label=label, width=width)
         button.on_click(work)
         return button
 
@@ -212,6 +203,7 @@ class Page:
         for tool in self.tools:
             tool.disabled = self.scene.thing(self.chosen) is None or self.chosen in ("", "domain")
         self.name.value = work.file.name
+        self.document.title = f"{work.file.name} - taichi_plume draw"
         self.title.text = "" if work.saved else "not saved"
         self.canvases[SIDE].figure.visible = SIDE in self.scene.planes
         self._show_remarks()
@@ -235,8 +227,14 @@ class Page:
                     )
                     shift = 0.05 * beside * max(scene.room or (1.0,))
                     marks[plane].append((str(n), (place[0] + shift, place[1]), remark.is_error))
-            color, word = (WRONG, "error") if remark.is_error else (UNLIKELY, "unlikely")
-            lines.append(f"<p><b style='color:{color}'>{n} {word}</b> {escape(scene.named(remark.line))}</p>")
+            look, word = ("bad", "error") if remark.is_error else ("odd", "unlikely")
+            words = f"<b class='{look}'>{n} {word}</b> {escape(scene.named(remark.line))}"
+            path = escape(scene.owner(remark.path))
+            lines.append(
+                f"<p><a href='#' data-act='choose:{path}'>{words}</a></p>"
+                if owner is not None
+                else f"<p>{words}</p>"
+            )
         wrong = {scene.owner(remark.path) for remark in remarks if remark.is_error}
         for plane, canvas in self.canvases.items():
             canvas.show(scene, self.chosen, wrong, marks[plane])
@@ -244,7 +242,21 @@ class Page:
         self.remarks.text = "".join(lines) or nothing
         self.tabs.tabs[2].title = f"Remarks ({len(lines)})" if lines else "Remarks"
         self.size.text = self._summary(checked) if checked is not None else "checking …"
+        self._note(remarks)
         self.form.show(scene, self.chosen, remarks)
+
+    def _note(self, remarks: Sequence[Remark]) -> None:
+        """Mark the lines of remarks in the editor, and bring the chosen section's line into view."""
+        text = self.workplace.text
+        marks = [
+            {
+                "row": line_of(text, remark.path, remark.line), "column": 0, "text": self.scene.named(remark.line),
+                "type": "error" if remark.is_error else "warning",
+            }
+            for remark in remarks
+        ]  # fmt: skip
+        row = line_of(text, self.chosen) if self.chosen else None
+        self.notes.value = dumps({"marks": marks, "row": row})
 
     def _summary(self, findings: Findings) -> str:
         """Return the line below the views as HTML: the first error, or the size of a run."""
@@ -252,7 +264,7 @@ class Page:
         if errors:
             more = f" and {len(errors) - 1} more" * (len(errors) > 1)
             count = f"{len(errors)} error{'s' * (len(errors) > 1)}"
-            return f"<b style='color:{WRONG}'>{count}</b> {escape(self.scene.named(errors[0]))}{more}"
+            return f"<b class='bad'>{count}</b> {escape(self.scene.named(errors[0]))}{more}"
         derived = [f"{name}: {text}" for name, text in findings.derived.items() if name in ("air", "gas")]
         return escape(" · ".join([findings.amounts, *derived]))
 
@@ -384,10 +396,12 @@ class Page:
         self.time.choose(None)
         self.runs.start(self.workplace.text)
 
-    def _key(self, name: str) -> None:
-        work = {
+    def _act(self, words: str) -> None:
+        """Carry out what a key or a link of the page means."""
+        name, _, path = words.partition(":")
+        work: Callable[[], Any] | None = {
             "undo": self._undo, "redo": self._redo, "copy": self._copy, "delete": self._delete, "save": self.save,
-            "escape": self._escape,
+            "escape": self._escape, "choose": lambda: self.choose(path), "draw": lambda: self.pointer.take(path),
         }.get(name)  # fmt: skip
         if work is not None:
             work()
@@ -397,7 +411,7 @@ class Page:
         self.choose("")
 
     def _tab(self, active: int) -> None:
-        self.tabs.width = 760 if active in (4, 5) else 430
+        self.tabs.css_classes = ["side", "wide"] if active in (4, 5) else ["side"]
         self.runs.open(active)
 
     # ---------------------------------------------------------------- runs

@@ -76,6 +76,11 @@ class Pointer:
             edits.KINDS.get(self.kind, "Drag an object or its handles; drag the floor to move the view.")
         )
 
+    def take(self, kind: str) -> None:
+        """Choose a kind of the palette."""
+        if kind in edits.KINDS:
+            self.palette.active = 1 + list(edits.KINDS).index(kind)
+
     def _tool_changed(self) -> None:
         self._forget()
         endings = FILES.get(self.kind, ())

@@ -32,7 +32,7 @@ TOKEN_BYTES = 24
 UNUSED = 15_000  # ms until the page of a closed tab is forgotten
 PERIOD = 400  # ms between looks at the runs
 CHECKS = 40  # ms between looks at whether the text has to be checked
-LARGEST_MESSAGE = 8 << 20  # bytes, from a page: more than a scenario may have
+LARGEST_MESSAGE = 64 << 20  # bytes, from a page: more than a file that a user brings, in base64
 
 
 class Guarded(BokehTornado):
@@ -137,7 +137,6 @@ class Service:
         self.log.take_over(end=True)
 
     def _open(self, document) -> None:
-        document.title = f"{self.workplace.file.name} - taichi_plume draw"
         Page(document, self.workplace)
 
     def _tick(self) -> None:

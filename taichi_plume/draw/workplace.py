@@ -15,6 +15,7 @@ from taichi_plume.draw.edits import BLANK
 from taichi_plume.draw.history import History
 from taichi_plume.draw.objects import Scene, scene, stamps
 from taichi_plume.draw.runs import Run, runs_in
+from taichi_plume.files import bundled
 from taichi_plume.files.disk import written_whole
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import inside
@@ -22,6 +23,11 @@ from taichi_plume.guard.terminal import visible
 from taichi_plume.guard.yaml_text import LARGEST_FILE, LineError, read_text
 
 ENDINGS = (".yaml", ".yml")
+DRAWN = ("scenario", "live", "task")
+"""Kinds of examples that can be drawn."""
+BROUGHT = (*ENDINGS, ".stl", ".obj", ".ply", ".png", ".pgm")
+"""Endings of the files that a user may bring: scenarios, meshes, maps with their pictures."""
+MOST_BROUGHT = 40 << 20  # bytes
 
 
 class FileChangedError(InputError):
@@ -159,6 +165,59 @@ class Workplace:
         """Give the text another file in the folder, and write it. Raises InputError; the text keeps its file then."""
         self._write(self._permitted(self.folder / name), replace=False)
 
+    def open(self, name: str = "") -> None:
+        """Take another file of the folder, by default a new one with an empty room.
+
+        Unsaved changes of the present text stay in its draft, which is offered once its file is opened again. Undo does
+        not lead back. Raises InputError; the text stays then.
+        """
+        file, text = self._permitted(self.folder / name) if name else self._free_name(), BLANK
+        if name:
+            text = self._read(file) or BLANK
+        self.drafts.leave()
+        self.file, self.on_disk, self.history = file, text if name else None, History(text)
+        self.drafts = Drafts(file)
+        self._changed()
+
+    def example(self, name: str) -> None:
+        """Take a copy of an example in the folder, or the copy that is there already. Raises InputError."""
+        found = bundled.example(name)
+        if found.kind not in DRAWN:
+            raise InputError(f"{name}: is a {found.kind}, no scenario that can be drawn")
+        if not (self.folder / found.path.name).exists():
+            bundled.copied(found, self.folder)
+        self.open(found.path.name)
+
+    def take(self, name: str, content: bytes) -> Path:
+        """Write a file that a user brings into the folder. Raises InputError if a file of this name exists.
+
+        name: of a scenario, a mesh, a map or its picture; folders in it count for nothing.
+        """
+        file = self.folder / Path(name.replace("\\", "/")).name
+        if file.suffix.lower() not in BROUGHT or file.name.startswith("."):
+            raise InputError(f"{visible(file.name)}: must end in {', '.join(BROUGHT)}")
+        if len(content) > MOST_BROUGHT:
+            raise InputError(f"{file.name}: has {len(content) >> 20} MiB; at most {MOST_BROUGHT >> 20} MiB")
+        try:
+            with written_whole(file, replace=False) as fresh:
+                fresh.write_bytes(content)
+        except FileExistsError:
+            raise InputError(f"{file.name}: exists already; choose another name") from None
+        except (OSError, ValueError) as error:
+            raise InputError(
+                f"{file.name}: cannot be written: {getattr(error, 'strerror', '') or error}"
+            ) from None
+        return file
+
+    @property
+    def files(self) -> list[str]:
+        """Names of the scenarios in the folder."""
+        return sorted(
+            file.name
+            for file in self.folder.iterdir()
+            if file.suffix in ENDINGS and not file.name.startswith(".") and file.is_file()
+        )
+
     def reload(self) -> None:
         """Take the text of the file; the present one can be returned to by undo."""
         self.on_disk = self._read()
@@ -266,14 +325,15 @@ class Workplace:
         names = ("room.yaml", *(f"room-{n}.yaml" for n in range(2, 10_000)))
         return next(self.root / name for name in names if not (self.root / name).exists())
 
-    def _read(self) -> str | None:
-        """Return the text of the file; None if there is no file. Raises InputError."""
-        if not os.path.exists(self.file):  # no error for a name that the system refuses
+    def _read(self, file: Path | None = None) -> str | None:
+        """Return the text of a file, by default of the present one; None if there is none. Raises InputError."""
+        file = self.file if file is None else file
+        if not os.path.exists(file):  # no error for a name that the system refuses
             return None
         try:
-            return read_text(self.file)
+            return read_text(file)
         except (LineError, OSError) as fault:
-            raise InputError(f"{self.file.name}: {fault}") from None
+            raise InputError(f"{file.name}: {fault}") from None
 
     def _changed(self) -> None:
         self.keep_draft()

@@ -6,12 +6,15 @@ laptop" or "90 s in real time".
 """
 
 import ast
+import filecmp
 import os
 import re
+import shutil
 from itertools import takewhile
 from pathlib import Path
 from typing import NamedTuple
 
+from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
 from taichi_plume.scenario.suggestions import nearest
 
@@ -71,6 +74,47 @@ def example(name: str) -> Example:
     head = " ".join(head.split())
     time = TIME.search(head)
     return Example(name, path, kind, re.split(r"\.(?: (?=[A-Z`])|$)", head)[0], time[1] if time else "")
+
+
+def copied(chosen: Example, out: Path, base: Path | None = None) -> dict[Path, bool]:
+    """Copy an example and its input files into a folder; return each path and whether it is new, the example's first.
+
+    base: scenario of a study. Input files that are there already with the same content stay. Raises InputError if
+    another file exists.
+    """
+    from taichi_plume.files.disk import written_whole
+
+    folder = chosen.path.parent
+    copies = {out / file.relative_to(folder): file for file in _files_of(chosen, base)}
+    main_copy = next(iter(copies))
+    same = [path for path in copies if path.is_file() and filecmp.cmp(copies[path], path, shallow=False)]
+    existing = [
+        str(path) for path in copies if os.path.lexists(path) and (path == main_copy or path not in same)
+    ]
+    if existing:
+        raise InputError(
+            f"{', '.join(existing)}: exists, and no file is overwritten; choose another folder by --out DIR"
+        )
+    for path, file in copies.items():
+        if path not in same:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with written_whole(path, replace=False) as fresh:
+                shutil.copyfile(file, fresh)
+    return {path: path not in same for path in copies}
+
+
+def _files_of(chosen: Example, base: Path | None) -> list[Path]:
+    """Return the file of an example, the base scenario of a study, the input files of the scenario, or the layout."""
+    from taichi_plume.scenario.input_files import files_of, input_files
+    from taichi_plume.scenario.loading import read_scenario
+
+    if chosen.kind == "launch":
+        return [chosen.path, chosen.path.with_name(chosen.name.replace(".launch.py", ".foxglove.json"))]
+    if chosen.kind == "program":
+        return [chosen.path]
+    folder, base = chosen.path.parent, base or chosen.path
+    inputs = [file for _, name in input_files(read_scenario(base)) for file in files_of(folder, name)]
+    return list(dict.fromkeys([chosen.path, base, *inputs]))
 
 
 def _files() -> dict[str, Path]:

@@ -379,10 +379,10 @@ def test_half_a_character_is_refused_in_a_line(page):
 
 def test_a_second_delete_deletes_no_other_object(page):
     page.choose("obstacles[0]")
-    page._key("delete")
+    page._act("delete")
     once = page.workplace.text
     assert once != ROOM
-    page._key("delete")
+    page._act("delete")
     assert page.workplace.text == once
 
 
