@@ -58,11 +58,13 @@ class _Files(RequestHandler):
 
 
 class Share(_Files):
-    """The text as YAML, or the picture of its room."""
+    """The text as YAML, the picture of its room, or the room for rerun's viewer."""
 
     async def get(self, ending: str) -> None:
         try:
-            content = self.workplace.text.encode("utf-8") if ending == "yaml" else picture(self.workplace)
+            content = (
+                self.workplace.text.encode("utf-8") if ending == "yaml" else drawn(self.workplace, ending)
+            )
         except InputError as error:
             raise HTTPError(409, reason="the scenario has errors") from error
         await self.offer(f"{self.workplace.file.stem}.{ending}", content)
@@ -94,8 +96,9 @@ class Viewer(_Files):
 
     async def get(self, name: str) -> None:
         number = self.get_query_argument("run", "")
-        if number.isdecimal():
-            path = self.access.pass_to(f"/runs/{int(number)}/recording.rrd")
+        if number:
+            path = f"/runs/{int(number)}/recording.rrd" if number.isdecimal() else "/share/room.rrd"
+            path = self.access.pass_to(path)
             recording = quote(f"http://{self.request.host}{path}", safe="")
             self.redirect(f"/viewer/?url={recording}&persist=false&hide_welcome_screen")
             return
@@ -124,14 +127,21 @@ class Completions(_Files):
         self.write(dumps(words))
 
 
-def picture(workplace: Workplace) -> bytes:
-    """Return a PNG of the room, as ``run --check`` draws it. Raises ScenarioError if the scenario has errors."""
+def drawn(workplace: Workplace, ending: str) -> bytes:
+    """Return the room as PNG, drawn as ``run --check`` does, or as a recording. Raises ScenarioError after errors.
+
+    ending: "png" or "rrd".
+    """
     from taichi_plume.assembly.preparation import load
-    from taichi_plume.report.scene import checked_figure
+    from taichi_plume.report.scene import all_shapes, checked_figure
     from taichi_plume.report.theme import png
 
     prepared = load(data_of(workplace.text), (), workplace.allow_outside, workplace.folder)
-    return png(checked_figure(prepared, DPI))
+    if ending == "png":
+        return png(checked_figure(prepared, DPI))
+    from taichi_plume.record.room import room  # imports rerun
+
+    return room(prepared.scenario, all_shapes(prepared))
 
 
 def zipped(folder: Path, target: Path) -> Path:
@@ -152,7 +162,7 @@ def patterns(workplace: Workplace, access: Access) -> list[Any]:
     about = {"workplace": workplace, "access": access}
     viewer = "|".join(re.escape(name) for name in ("", *WEB_VIEWER))
     return [
-        (r"/share/room\.(yaml|png)", Share, about),
+        (r"(?:/pass/[0-9a-f]{64})?/share/room\.(yaml|png|rrd)", Share, about),
         (r"(?:/pass/[0-9a-f]{64})?/runs/(\d{1,6})/(report\.html|recording\.rrd|run\.zip)", OfRun, about),
         (rf"/viewer/({viewer})", Viewer, about),
         (

@@ -16,7 +16,7 @@ from taichi_plume.guard.input_error import InputError
 if TYPE_CHECKING:
     from taichi_plume.draw.page import Page
 
-NEW, OPEN, EXAMPLE, BRING, SAVE, NAME = "New room", "Open …", "Example …", "Upload …", "Save", "Save as …"
+NEW, OPEN, EXAMPLE, BRING, NAME = "New room", "Open …", "Example …", "Upload …", "Save as …"
 
 
 class FileMenu:
@@ -24,7 +24,7 @@ class FileMenu:
 
     def __init__(self, page: "Page"):
         self.page = page
-        entries = (NEW, OPEN, EXAMPLE, BRING, None, SAVE, NAME)
+        entries = (NEW, OPEN, EXAMPLE, BRING, None, NAME)
         self.button = Dropdown(
             label="File", menu=[entry and (entry, entry) for entry in entries], width=70, name="file menu"
         )
@@ -32,8 +32,7 @@ class FileMenu:
         self.words = Div(align="center")
         self.list = Select(width=300, name="files")
         self.entry = TextInput(width=260, name="new name")
-        self.brought = FileInput(accept=",".join(BROUGHT), name="upload")
-        self.brought.on_change("filename", lambda _attr, _old, new: self._bring(str(new)))
+        self.brought = FileInput()
         self.go, stop = Button(width=80, button_type="primary", name="go"), Button(label="Cancel", width=70)
         self.go.on_click(lambda: self.work())
         stop.on_click(self.close)
@@ -48,8 +47,6 @@ class FileMenu:
         place = self.page.workplace
         if name == NEW:
             self._take(place.open)
-        elif name == SAVE:
-            self.page.save()
         elif name == OPEN:
             files = [file for file in place.files if file != place.file.name]
             self._ask(
@@ -62,7 +59,13 @@ class FileMenu:
             ]
             self._ask("Draw a copy of:", self.list, "Draw", options, place.example)
         elif name == BRING:
-            self._ask("A scenario, mesh or map for this folder:", self.brought)
+            fresh = FileInput(accept=",".join(BROUGHT), name="upload")  # an old one takes no file twice
+            fresh.on_change(
+                "filename", lambda _attr, _old, _new: self.page.document.add_next_tick_callback(self.bring)
+            )
+            self.layout.children = [fresh if each is self.brought else each for each in self.layout.children]
+            self.brought = fresh
+            self._ask("A scenario, mesh or map for this folder:", fresh)
         else:
             self.entry.value = place.file.name
             self._ask("Save as:", self.entry, "Save", None, place.save_as)
@@ -94,11 +97,9 @@ class FileMenu:
         """Ask no more."""
         self.layout.visible = False
 
-    def _bring(self, name: str) -> None:
-        """Write a file that the browser has sent; a scenario is opened."""
-        place = self.page.workplace
-        if not name:
-            return
+    def bring(self) -> None:
+        """Write the file that the browser has sent; a scenario is opened."""
+        place, name = self.page.workplace, str(self.brought.filename)
 
         def work() -> None:
             try:
@@ -110,4 +111,3 @@ class FileMenu:
                 place.open(file.name)
 
         self._take(work)
-        self.brought.filename = ""

@@ -58,7 +58,6 @@ own.on_event("connection_lost", () => {
   document.body.append(banner)
   setTimeout(back, 2000)
 })
-own.on_event("client_reconnected", () => banner.remove())
 const kept = sessionStorage.getItem(KEPT)
 sessionStorage.removeItem(KEPT)
 if (kept != null) text.value_input = kept

@@ -25,7 +25,7 @@ from bokeh.models import (
 )
 from bokeh.themes import Theme
 
-from taichi_plume.draw import edits
+from taichi_plume.draw import edits, first_steps
 from taichi_plume.draw.canvas import Canvas
 from taichi_plume.draw.checks import Findings, Remark
 from taichi_plume.draw.document import line_of
@@ -61,11 +61,13 @@ class Page:
         self._due: list[Callable[[], None]] = []
         self.asked: Callable[[], None] | None = None
         self._left: Draft | None = None  # the draft that the standing question is about
-        self._said = workplace.drafts.unreadable
+        self._said, self._views = workplace.drafts.unreadable, 0
         self.sheet = InlineStyleSheet(css=STYLE)
         document.theme = Theme(json={"attrs": {"UIElement": {"stylesheets": [self.sheet]}}})
         document.template = HEAD
-        document.config.notify_connection_status = False  # the script says so
+        document.config.update(
+            reconnect_session=False, notify_connection_status=False
+        )  # as the script does both
         self.canvases = {ABOVE: Canvas(ABOVE), SIDE: Canvas(SIDE)}
         self.time = TimeBar(self)
         self.form, self.runs = FormPanel(self), RunPanel(self)
@@ -127,7 +129,8 @@ class Page:
         bar = row(
             self.files.button, self.name, self.title, self.undo, self.redo, *self.tools,
             row(Div(text="grid", align="center"), self.pointer.step),
-            self._button("Whole room", self._fit, 95), Div(text=links, align="center"), run,
+            self._button("Whole room", self._fit, 95), self._button("Save", lambda: self.save(), 60),
+            Div(text=links, align="center"), run,
             sizing_mode="stretch_width", css_classes=["bar"],
         )  # fmt: skip
         # of fixed heights: if the views changed their size with each line of text, a drag would miss its aim
@@ -152,12 +155,14 @@ class Page:
         )  # fmt: skip
         self.text.on_change("value_input", lambda _attr, _old, new: self._typed(new))
         self.editor = Div(sizing_mode="stretch_both", name="editor")
+        self.solid = Div(sizing_mode="stretch_both", name="solid", css_classes=["whole"])
         self.remarks = Div(sizing_mode="stretch_width", name="remarks")
         contents = {
             "Form": self.form.layout, "YAML": column(self.editor, self.text, sizing_mode="stretch_both"),
             "Remarks": column(self.remarks, sizing_mode="stretch_both", css_classes=["scrolls"]),
-            "Runs": self.runs.layout, "Report": self.runs.report, "Recording": self.runs.recording,
+            "Runs": self.runs.layout, "3-D": self.solid, "Report": self.runs.report, "Recording": self.runs.recording,
         }  # fmt: skip
+        self.titles = list(contents)
         self.tabs = Tabs(
             tabs=[TabPanel(child=child, title=title) for title, child in contents.items()],
             sizing_mode="stretch_height", css_classes=["side"],
@@ -259,8 +264,11 @@ class Page:
         self.notes.value = dumps({"marks": marks, "row": row})
 
     def _summary(self, findings: Findings) -> str:
-        """Return the line below the views as HTML: the first error, or the size of a run."""
+        """Return the line below the views as HTML: what is still to be drawn, the first error, or the size of a run."""
         errors = [remark.line for remark in findings.remarks if remark.is_error]
+        steps = first_steps.as_html(self.scene.data) if errors else ""
+        if steps:
+            return steps
         if errors:
             more = f" and {len(errors) - 1} more" * (len(errors) > 1)
             count = f"{len(errors)} error{'s' * (len(errors) > 1)}"
@@ -399,20 +407,36 @@ class Page:
     def _act(self, words: str) -> None:
         """Carry out what a key or a link of the page means."""
         name, _, path = words.partition(":")
-        work: Callable[[], Any] | None = {
+        works: dict[str, Callable[[], Any]] = {
             "undo": self._undo, "redo": self._redo, "copy": self._copy, "delete": self._delete, "save": self.save,
             "escape": self._escape, "choose": lambda: self.choose(path), "draw": lambda: self.pointer.take(path),
-        }.get(name)  # fmt: skip
-        if work is not None:
-            work()
+            "solid": self._show_solid,
+        }  # fmt: skip
+        if name in works:
+            works[name]()
 
     def _escape(self) -> None:
         self.pointer.palette.active = 0
         self.choose("")
 
     def _tab(self, active: int) -> None:
-        self.tabs.css_classes = ["side", "wide"] if active in (4, 5) else ["side"]
-        self.runs.open(active)
+        title = self.titles[active]
+        self.tabs.css_classes = ["side", "wide"] if title in ("3-D", "Report", "Recording") else ["side"]
+        if title == "Recording":
+            self.runs.open()
+        elif title == "3-D":
+            self._show_solid()
+
+    def _show_solid(self) -> None:
+        """Show the present room in rerun's viewer, which is large: once the tab is opened, or its link is clicked."""
+        if not self.workplace.check()[1].sound:
+            self.solid.text = "<p>The scenario has errors; see Remarks.</p>"
+            return
+        self._views += 1  # another address: the browser loads the room again
+        link = "<p><a href='#' data-act='solid'>Show the room as it is now</a></p>"
+        self.solid.text = (
+            f"{link}<iframe title='room in 3-D' src='viewer/?run=room&amp;view={self._views}'></iframe>"
+        )
 
     # ---------------------------------------------------------------- runs
 

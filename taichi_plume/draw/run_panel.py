@@ -234,10 +234,10 @@ class RunPanel:
             links += f'<a href="{base}/run.zip">ZIP of run {run.number}</a>'
         self.links.text = links
 
-    def open(self, tab: int) -> None:
-        """Load the recording in rerun's viewer once its tab (5) is opened, as the viewer is large."""
+    def open(self) -> None:
+        """Load the recording in rerun's viewer, which is large: once its tab is opened."""
         run = self.run
-        if tab != 5 or run is None or not (run.folder / "recording.rrd").is_file() or run.alive:
+        if run is None or not (run.folder / "recording.rrd").is_file() or run.alive:
             return
         self.recording.text = f'<iframe src="viewer/?run={run.number}" style="{FRAME}"></iframe>'
 

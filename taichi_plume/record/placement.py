@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from taichi_plume.grid.outlines import Mesh
 from taichi_plume.observed.planes import Plane
-from taichi_plume.time_loop import TimeLoop
 
 FLAT = 0.05  # height of the walls of a 2-D arena over its shorter side
 
@@ -29,9 +28,8 @@ class Stage:
         return self.extent[0], self.extent[1], self.height
 
     @staticmethod
-    def of(sim: TimeLoop) -> "Stage":
-        """Return the dimensions of a simulation's arena as drawn; 2-D arenas get low walls."""
-        extent = sim.grid.extent
+    def of(extent: tuple[float, ...]) -> "Stage":
+        """Return the dimensions of an arena [m] as drawn; 2-D arenas get low walls."""
         length = max(extent[:2])
         return Stage(extent, extent[2] if len(extent) == 3 else FLAT * min(extent), length, 5e-4 * length)
 

@@ -69,7 +69,7 @@ class Recorder:
         scores = map_scores or MapScores(sim)
         self.own_scores = None if map_scores else scores
         decisions = [each.name for each in sim.decision_columns()]
-        stage = Stage.of(sim)
+        stage = Stage.of(sim.grid.extent)
         self.observer = observer or Observer(sim, views(sim))
         self.own_observers = [] if observer else self.observer.observers()
         seen = planes.planes(scenario, sim.grid.extent)
@@ -83,7 +83,7 @@ class Recorder:
         self.share = 0  # number of the next share of the robots to send
         values: dict[str, Any] = {**scenario.seeds, "backend": backend, "version": __version__}
         self.stream.rerun.send_property("run", rr.AnyValues(**values, spacing_m=sim.grid.dx))
-        self.stream.log_still(scene.arena(sim, stage))
+        self.stream.log_still(scene.arena(scenario, sim.obstacles, stage))
         for plane in seen:
             if plane.letters != "xy":
                 self.stream.log_still(

@@ -3,7 +3,7 @@
 Functions yield or return rerun archetypes; `Entities` are pairs (entity path, archetype).
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from taichi_plume.scenario import si
 from taichi_plume.scenario.gases import AnySource
 from taichi_plume.scenario.heat import Heat
 from taichi_plume.scenario.palette import COOL, FOUND, SOLID, SOURCE, WARM, WRONG, rgb
+from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Color
 from taichi_plume.scenario.windows import Window
 from taichi_plume.time_loop import TimeLoop
@@ -44,7 +45,7 @@ Entities = Iterator[tuple[str, rr.AsComponents]]
 # ---------------------------------------------------------------- arena
 
 
-def arena(sim: TimeLoop, stage: Stage) -> Entities:
+def arena(scenario: Scenario, obstacles: Sequence[Shape], stage: Stage) -> Entities:
     """Yield floor, edges, the robots' part of the floor, obstacles, sources, openings and screens."""
     (lx, ly), h = stage.extent[:2], stage.height
 
@@ -58,24 +59,24 @@ def arena(sim: TimeLoop, stage: Stage) -> Entities:
     yield "world/walls", rr.LineStrips3D([ring(h), *posts], colors=FAINT, radii=rr.Radius.ui_points(0.8))
     half = [lx / 2, ly / 2, 2 * stage.lift]
     yield "world/floor", _boxes([[lx / 2, ly / 2, -3 * stage.lift]], [half], FLOOR)
-    if sim.scenario.arena is not None:
-        edges = ring(stage.lift, sim.scenario.arena.low, sim.scenario.arena.high)
+    if scenario.arena is not None:
+        edges = ring(stage.lift, scenario.arena.low, scenario.arena.high)
         yield "world/arena", rr.LineStrips3D([edges], colors=LINES, radii=rr.Radius.ui_points(1.5))
-    for n, shape in enumerate(sim.obstacles):
-        walks = n < len(sim.scenario.obstacles) and sim.scenario.obstacles[n].motion is not None
+    for n, shape in enumerate(obstacles):
+        walks = n < len(scenario.obstacles) and scenario.obstacles[n].motion is not None
         yield f"world/obstacles/{n}", _solid(shape, stage, WALKER if walks else rgb(SOLID))
         if walks:
             yield from _walk(n, shape.model, stage)
-    for n, (_, source) in enumerate(sim.scenario.sources):
+    for n, (_, source) in enumerate(scenario.sources):
         yield from _source(f"world/sources/{n}", source, stage)
-    for n, opening in enumerate(sim.scenario.openings):
+    for n, opening in enumerate(scenario.openings):
         if (region := opening.region) is not None:
             name = opening.label if opening.passes else None
             yield from _window(f"world/openings/{n}", region, opening.color, opening.straight, name, stage)
-    for n, screen in enumerate(sim.scenario.screens):
+    for n, screen in enumerate(scenario.screens):
         yield from _window(f"world/screens/{n}", screen, screen.color, True, screen.kind, stage)
-    if sim.scenario.heat is not None:
-        yield from _warmth(sim.scenario.heat, stage)
+    if scenario.heat is not None:
+        yield from _warmth(scenario.heat, stage)
 
 
 def _walk(n: int, model: Any, stage: Stage) -> Entities:

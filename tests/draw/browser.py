@@ -19,6 +19,11 @@ VIEW = """() => {
   return {x: [plot.x_range.start, plot.x_range.end], y: [plot.y_range.start, plot.y_range.end],
           left: box.left, right: box.right, top: box.top, bottom: box.bottom}
 }"""
+SOCKETS = """
+window.sockets = []
+const Plain = WebSocket
+window.WebSocket = class extends Plain { constructor(...about) { super(...about); sockets.push(this) } }
+"""
 CHOOSE = """([name, value]) => {
   [...Bokeh.documents[0]._all_models.values()].find((model) => model.name == name).value = value
 }"""
@@ -56,6 +61,7 @@ class Browser:
         self.elsewhere, self.errors = [], []
         page.context.on("request", self._asked)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.add_init_script(SOCKETS)
         page.set_viewport_size({"width": size[0], "height": size[1]})
         page.goto(served.url)
         page.wait_for_selector(".bk-Figure", timeout=60_000)
@@ -130,6 +136,13 @@ class Browser:
         """Open the tab whose title begins so."""
         self.page.locator(".bk-tab").filter(has_text=title).first.click()
         self.page.wait_for_timeout(200)
+
+    def write(self, old: str, new: str):
+        """Replace a part of the text in the editor."""
+        replace = (
+            "(place, [old, now]) => { const it = place.env.editor; it.find(old); it.insert(now); it.focus() }"
+        )
+        self.page.locator(".ace_editor").evaluate(replace, [old, new])
 
     def picture(self, name: str):
         """Take a picture of the page, if pictures are wanted."""

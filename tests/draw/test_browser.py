@@ -124,11 +124,11 @@ def test_a_file_is_opened_changed_and_saved_with_its_comments(visit, tmp_path):
     page.changed(lambda: page.page.keyboard.press("Delete"))
     assert "2.5, 1.4" not in page.yaml
     page.tab("YAML")
-    area = page.page.locator("textarea")
-    area.click()
-    page.changed(lambda: area.fill(page.yaml.replace("center: [1.5, 2.1]", "center: [0.7, 1.45]")))
+    page.page.wait_for_selector(".ace_editor")
+    page.changed(lambda: page.write("center: [1.5, 2.1]", "center: [0.7, 1.45]"))
     page.until(lambda: "error" in page.text_of("size"))
-    area.press("Control+s")
+    page.page.wait_for_selector(".ace_gutter-cell.ace_error")
+    page.page.keyboard.press("Control+s")
     page.until(lambda: "center: [0.7, 1.45]" in file.read_text())
     with page.page.expect_popup():  # a scenario with errors has no picture; the page stays
         page.page.locator("a", has_text="picture").click()
@@ -150,7 +150,7 @@ def test_every_button_is_seen_in_a_narrow_window(visit):
     ):
         box = button.bounding_box()
         assert 0 <= box["x"] < box["x"] + box["width"] <= 1024
-    page.page.get_by_text("▶ Run").click(trial=True, timeout=5_000)  # nothing lies over it
+    page.page.locator(".bk-btn").get_by_text("▶ Run").click(trial=True, timeout=5_000)  # nothing lies over it
 
 
 def test_a_tab_in_the_background_shows_an_edit_once_it_is_seen_again(visit, tmp_path):
@@ -213,7 +213,8 @@ def test_an_open_page_says_so_when_its_server_is_killed_and_the_text_is_there_ag
     mine = page.yaml
     page.served.process.kill()
     page.served.process.wait()
-    page.page.wait_for_timeout(1000)
+    page.page.wait_for_selector("[role=alert]")
+    assert "does not answer" in page.page.locator("[role=alert]").inner_text()
     page.picture("x_killed")
     with serving(tmp_path, "s.yaml") as served:
         again = Browser(chromium.new_context().new_page(), served)
@@ -260,3 +261,50 @@ def test_two_runs_are_compared(visit, tmp_path):
     page.page.wait_for_timeout(500)
     page.picture("t_compared")
     assert page.errors == []
+
+
+def test_keys_are_completed_and_undone_in_the_editor(visit, tmp_path):
+    (tmp_path / "room.yaml").write_text(ROOM)
+    page = visit("room.yaml")
+    page.tab("YAML")
+    page.page.wait_for_selector(".ace_editor")
+    page.changed(lambda: page.write("warm_up: 12 s", "warm_up: 12 s\n"))
+    page.changed(lambda: page.page.keyboard.type("stop"))
+    word = page.page.locator(".ace_autocomplete .ace_line", has_text="stop_early")
+    word.first.wait_for()
+    page.picture("e_completed")
+    page.changed(lambda: page.page.keyboard.press("Enter"))
+    page.until(lambda: "\nstop_early: \n" in page.yaml)
+    page.changed(lambda: page.page.keyboard.press("Control+z"))
+    page.until(
+        lambda: page.page.locator(".ace_editor").evaluate("it => it.env.editor.getValue()") == page.yaml
+    )
+    page.tab("Remarks")
+    assert page.errors == []
+
+
+def test_a_page_goes_on_once_its_server_answers_again(visit, tmp_path):
+    """As after a laptop's sleep: the text that was typed meanwhile is there, too."""
+    (tmp_path / "room.yaml").write_text(ROOM)
+    page = visit("room.yaml")
+    page.tab("YAML")
+    page.page.wait_for_selector(".ace_editor")
+    page.page.evaluate("sockets.forEach((socket) => socket.close())")
+    page.page.wait_for_selector("[role=alert]")
+    page.write("seed: 2", "seed: 7")
+    page.picture("x_lost")
+    page.page.wait_for_selector("[role=alert]", state="detached", timeout=30_000)
+    page.page.wait_for_function("window.Bokeh?.documents?.length", timeout=30_000)
+    page.until(lambda: "seed: 7" in page.yaml)
+    page.until(lambda: b"seed: 7" in page.served.get("/share/room.yaml")[2])
+
+
+def test_the_room_is_seen_in_three_dimensions(visit, tmp_path):
+    page = visit("arena_3d")
+    page.tab("3-D")
+    viewer = page.until(lambda: next((f for f in page.page.frames if "room.rrd" in f.url), None), 60)
+    viewer.wait_for_selector("canvas.visible", timeout=120_000)
+    page.page.wait_for_timeout(5_000)
+    page.picture("s_solid")
+    assert page.errors == []
+    assert page.elsewhere == []

@@ -1,7 +1,10 @@
 """The page without a browser: its views are always those of a fresh page on the same text; two tabs are alike."""
 
 import errno
+import json
 import os
+import re
+from base64 import b64encode
 from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
@@ -20,7 +23,7 @@ from test_document import ROOT
 from test_edits import DRAGS, QUIET, points
 from test_workplace import full, killed
 
-from taichi_plume.draw import edits, workplace
+from taichi_plume.draw import edits, file_menu, workplace
 from taichi_plume.draw.document import data_of
 from taichi_plume.draw.page import Page
 from taichi_plume.draw.runs import Run
@@ -688,3 +691,56 @@ def test_the_views_are_those_of_the_text(tmp_path_factory, name, sequence):
 @given(name=st.sampled_from(["casting_room", "arena_3d", "moving_obstacle"]), sequence=moves)
 def test_the_views_are_those_of_the_text_after_many_moves(tmp_path_factory, name, sequence):
     live_through(tmp_path_factory.mktemp("page"), name, sequence)
+
+
+def test_files_are_opened_brought_and_named_from_the_menu(page, tmp_path):
+    place, menu = page.workplace, page.files
+    (tmp_path / "other.yaml").write_text(edits.BLANK)
+    menu.chosen(file_menu.OPEN)
+    assert menu.list.options == ["other.yaml"]
+    menu.work()
+    assert (place.file.name, place.text, menu.layout.visible) == ("other.yaml", edits.BLANK, False)
+    menu.chosen(file_menu.NAME)
+    menu.entry.value = "s.yaml"
+    menu.work()
+    assert "s.yaml: exists already" in page.message.text
+    assert menu.layout.visible, "another name can be given"
+    menu.entry.value = "third.yaml"
+    menu.work()
+    assert (tmp_path / "third.yaml").read_text() == edits.BLANK
+    menu.chosen(file_menu.BRING)
+    menu.brought = SimpleNamespace(filename="mine.yaml", value=b64encode(ROOM.encode()).decode())
+    menu.bring()
+    assert (place.file.name, place.text) == ("mine.yaml", ROOM)
+    menu.chosen(file_menu.EXAMPLE)
+    menu.list.value = "gaussian"
+    menu.work()
+    assert place.file.name == "gaussian.yaml"
+    menu.chosen(file_menu.NEW)
+    assert (place.text, page.text.value_input) == (edits.BLANK, edits.BLANK)
+
+
+def test_an_empty_room_lists_what_a_run_lacks_until_it_has_it(tmp_path):
+    place, page = opened(tmp_path, edits.BLANK)
+    place.found(*place.check())
+    assert re.findall("data-act=.draw:([a-z]+)", page.size.text) == ["inlet", "outlet", "source", "robots"]
+    page._act("draw:source")
+    assert page.pointer.kind == "source"
+    page.pointer.tap(page.canvases[ABOVE], (1.0, 1.0))
+    for kind, x in (("inlet", 0.0), ("outlet", 4.0)):
+        page._act(f"draw:{kind}")
+        drag(page, (x, 1.0), (x, 2.0))
+    place.found(*place.check())
+    assert "cells" in page.size.text
+
+
+def test_a_remark_chooses_its_object_and_its_line(page):
+    page._typed(ROOM.replace("position: [0.7, 1.45]", "position: [1.5, 2.1]"))
+    page.workplace.found(*page.workplace.check())
+    (act,) = re.findall("data-act='([^']+)'", page.remarks.text)
+    page._act(act)
+    assert page.chosen == "gas.sources[0]"
+    notes = json.loads(page.notes.value)
+    line = next(n for n, line in enumerate(ROOM.splitlines()) if "position:" in line)
+    assert [mark["row"] for mark in notes["marks"]] == [line]
+    assert notes["row"] == line

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 from test_document import CONFIGS, ROOT
 
-from taichi_plume.draw import edits
+from taichi_plume.draw import edits, workplace
 from taichi_plume.draw.objects import scene
 from taichi_plume.draw.workplace import FileChangedError, Workplace
 from taichi_plume.guard.input_error import InputError
@@ -385,3 +385,43 @@ def test_findings_of_an_earlier_text_are_not_taken(place):
     assert place.findings is None
     place.found(*place.check())
     assert place.findings.sound
+
+
+def test_another_file_is_opened_and_the_draft_of_the_first_is_offered_later(place, tmp_path):
+    mine = edited(place)
+    place.put(mine)
+    place.open()
+    assert (place.text, place.file.name, place.recovered) == (edits.BLANK, "room-2.yaml", None)
+    assert not place.history.can_undo
+    place.open("room.yaml")
+    assert (place.text, place.recovered.text) == (ROOM, mine)
+    place.restore(place.recovered, True)
+    assert place.text == mine
+    for name in ("../room.yaml", "room.txt"):
+        with pytest.raises(InputError, match="room"):
+            place.open(name)
+    assert place.text == mine
+
+
+def test_an_example_is_opened_as_a_copy_with_its_files(place, tmp_path):
+    place.example("casting_room")
+    assert place.file == tmp_path / "casting_room.yaml"
+    assert place.text == ROOM
+    with pytest.raises(InputError, match="is a study"):
+        place.example("studies/wind_speeds")
+    assert place.text == ROOM
+
+
+def test_a_file_is_brought_into_the_folder_and_replaces_none(place, tmp_path):
+    assert place.take("C:\\parts\\pillar.stl", b"solid").read_bytes() == b"solid"
+    assert sorted(path.name for path in tmp_path.iterdir() if path.suffix == ".stl") == ["pillar.stl"]
+    for name, content, word in (
+        ("room.yaml", b"name: a", "exists already"),
+        ("../up.py", b"", "must end in"),
+        (".stl", b"", "must end in"),
+        ("large.stl", b"0" * (workplace.MOST_BROUGHT + 1), "at most 40 MiB"),
+    ):
+        with pytest.raises(InputError, match=word):
+            place.take(name, content)
+    assert (tmp_path / "room.yaml").read_text() == ROOM
+    assert not (tmp_path.parent / "up.py").exists()
