@@ -24,6 +24,7 @@ window.sockets = []
 const Plain = WebSocket
 window.WebSocket = class extends Plain { constructor(...about) { super(...about); sockets.push(this) } }
 """
+EDITOR = ".ace_editor:not(.ace_autocomplete)"
 CHOOSE = """([name, value]) => {
   [...Bokeh.documents[0]._all_models.values()].find((model) => model.name == name).value = value
 }"""
@@ -142,7 +143,7 @@ class Browser:
         replace = (
             "(place, [old, now]) => { const it = place.env.editor; it.find(old); it.insert(now); it.focus() }"
         )
-        self.page.locator(".ace_editor").evaluate(replace, [old, new])
+        self.page.locator(EDITOR).evaluate(replace, [old, new])
 
     def picture(self, name: str):
         """Take a picture of the page, if pictures are wanted."""

@@ -3,7 +3,7 @@
 import time
 
 import pytest
-from browser import Browser, launched, program
+from browser import EDITOR, Browser, launched, program
 from served import serving
 from test_document import ROOT
 
@@ -124,7 +124,7 @@ def test_a_file_is_opened_changed_and_saved_with_its_comments(visit, tmp_path):
     page.changed(lambda: page.page.keyboard.press("Delete"))
     assert "2.5, 1.4" not in page.yaml
     page.tab("YAML")
-    page.page.wait_for_selector(".ace_editor")
+    page.page.wait_for_selector(EDITOR)
     page.changed(lambda: page.write("center: [1.5, 2.1]", "center: [0.7, 1.45]"))
     page.until(lambda: "error" in page.text_of("size"))
     page.page.wait_for_selector(".ace_gutter-cell.ace_error")
@@ -267,7 +267,7 @@ def test_keys_are_completed_and_undone_in_the_editor(visit, tmp_path):
     (tmp_path / "room.yaml").write_text(ROOM)
     page = visit("room.yaml")
     page.tab("YAML")
-    page.page.wait_for_selector(".ace_editor")
+    page.page.wait_for_selector(EDITOR)
     page.changed(lambda: page.write("warm_up: 12 s", "warm_up: 12 s\n"))
     page.changed(lambda: page.page.keyboard.type("stop"))
     page.page.locator(".ace_autocomplete", has_text="stop_early").wait_for()
@@ -276,7 +276,7 @@ def test_keys_are_completed_and_undone_in_the_editor(visit, tmp_path):
     page.until(lambda: "\nstop_early: \n" in page.yaml)
     page.changed(lambda: page.page.keyboard.press("Control+z"))
     page.until(
-        lambda: page.page.locator(".ace_editor").evaluate("it => it.env.editor.getValue()") == page.yaml
+        lambda: page.page.locator(EDITOR).evaluate("it => it.env.editor.getValue()") == page.yaml
     )
     page.tab("Remarks")
     assert page.errors == []
@@ -287,7 +287,7 @@ def test_a_page_goes_on_once_its_server_answers_again(visit, tmp_path):
     (tmp_path / "room.yaml").write_text(ROOM)
     page = visit("room.yaml")
     page.tab("YAML")
-    page.page.wait_for_selector(".ace_editor")
+    page.page.wait_for_selector(EDITOR)
     page.page.evaluate("sockets.forEach((socket) => socket.close())")
     page.page.wait_for_selector("[role=alert]")
     page.write("seed: 2", "seed: 7")
