@@ -117,11 +117,11 @@ class Editor(_Files):
 
 
 class Completions(_Files):
-    """What may stand at a place of the text, as Ace takes it."""
+    """What may stand at a place of a text, as Ace takes it; the text comes with the question, as it is in the editor."""
 
-    async def get(self) -> None:
-        index = self.get_query_argument("index", "")
-        found = completions(self.workplace.text, int(index)) if index.isdecimal() else []
+    async def post(self) -> None:
+        index, text = self.get_query_argument("index", ""), self.request.body.decode("utf-8", "replace")
+        found = completions(text, int(index)) if index.isdecimal() else []
         words = [{"value": each.word, "meta": each.unit, "docText": each.meaning} for each in found]
         self.set_header("Content-Type", "application/json")
         self.write(dumps(words))

@@ -107,7 +107,8 @@ const begin = () => {
     identifierRegexps: [/[\w.]/],
     getCompletions: async (_editor, _session, position, _prefix, found) => {
       const index = session.doc.positionToIndex(position)
-      const answer = await fetch(`editor/completions?index=${index}`).catch(() => null)
+      const question = {method: "POST", body: ace_editor.getValue()}
+      const answer = await fetch(`editor/completions?index=${index}`, question).catch(() => null)
       found(null, answer?.ok ? await answer.json() : [])
     },
   }]
