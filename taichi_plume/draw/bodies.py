@@ -15,6 +15,7 @@ from taichi_plume.draw.parts import (
     Values,
     dragged,
     pair,
+    size_text,
 )
 from taichi_plume.grid.floor_plans import FloorPlan
 from taichi_plume.grid.outlines import rectangle
@@ -120,6 +121,15 @@ class Body(Part):
             "center": center,
             "size": [*(b - a for a, b in zip(low, high, strict=True)), *map(float, model.size[2:])],
         }
+
+    def measure(self, handle: str, plane: Plane) -> str:
+        if handle == "turn":
+            return f"{self.model.yaw_deg:g}°"
+        if handle == "rim":
+            return f"radius {self.model.radius:.2f} m"
+        if handle[0] in "+-" and plane == ABOVE:
+            return size_text(self.model.size[:2])  # along the edges of a box that is turned
+        return super().measure(handle, plane)
 
     def _heightened(self, handle: str, plane: Plane, to: Point) -> Values:
         """Return new heights: the upper or the lower end has been dragged in a view from the side."""

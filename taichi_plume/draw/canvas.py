@@ -20,7 +20,7 @@ from bokeh.plotting import figure
 
 from taichi_plume.draw.bodies import Body
 from taichi_plume.draw.objects import Scene, Thing
-from taichi_plume.draw.parts import Outline, Plane, Point, Rectangle
+from taichi_plume.draw.parts import Outline, Plane, Point, Rectangle, extent
 from taichi_plume.execution.latest_instant import Instant, Picture
 from taichi_plume.report import theme
 from taichi_plume.report.theme import ABOVE
@@ -33,7 +33,9 @@ ARROW = 0.05  # of the longer side: an arrow of the fastest wind
 FINE = 200  # pixels along the longer side of a picture, at least half of them
 FONT = "Helvetica, Arial, sans-serif"
 COORDINATES = ("x", "y", "x0", "y0", "x1", "y1", "xs", "ys", "dw", "dh", "width", "height", "image")
+View = tuple[tuple[float, float], ...]
 CHOSEN, WRONG, UNLIKELY = "#0b6bcb", theme.ERROR, theme.UNLIKELY
+GUIDE = "#c2185b"
 FADED = 0.3  # opacity of what the room of a run that is seen lacks, over its usual one
 AT_START = 0.15  # opacity of a walker's start while the walker of a run is drawn
 SHAPE = "xs ys color alpha edge width path"
@@ -60,6 +62,7 @@ LAYERS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "robots": (
         "scatter", "x y color", {"size": 13, "fill_color": "color", "line_color": "#ffffff", "line_width": 1.5}
     ),
+    "guides": ("multi_line", "xs ys", {"line_color": GUIDE, "line_width": 1}),
     "sketch": ("line", "x y", {"line_color": CHOSEN, "line_dash": "dashed", "line_width": 2}),
     "labels": (
         "text", "x y text color", {**TEXT, "text_color": "color", "text_baseline": "top", "y_offset": 3}
@@ -67,6 +70,13 @@ LAYERS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "handles": (
         "scatter", "x y name marker",
         {"marker": "marker", "size": 9, "fill_color": "#ffffff", "line_color": CHOSEN, "line_width": 2},
+    ),
+    "size": (
+        "text", "x y text",
+        {
+            **TEXT, "text_color": "#ffffff", "background_fill_color": CHOSEN, "padding": 3, "border_radius": 3,
+            "x_offset": 14, "y_offset": -14, "text_align": "left",
+        },
     ),
     "marks": ("scatter", "x y text color", {"size": 18, "fill_color": "color", "line_color": "#ffffff"}),
 }  # fmt: skip
@@ -159,7 +169,7 @@ class Canvas:
     def show(
         self,
         of: Scene,
-        chosen: str = "",
+        chosen: Sequence[str] = (),
         wrong: Collection[str] = (),
         marks: Sequence[tuple[str, Point, bool]] = (),
     ) -> None:
@@ -187,10 +197,10 @@ class Canvas:
         self._fill("lines", lines)
         self._fill("labels", labels)
         self._fill("marks", ((*at, text, WRONG if is_error else UNLIKELY) for text, at, is_error in marks))
-        self.show_handles(of.thing(chosen))
+        self._show_handles(of, chosen)
 
     def _look(
-        self, thing: Thing, closed: bool, chosen: str, wrong: Collection[str]
+        self, thing: Thing, closed: bool, chosen: Collection[str], wrong: Collection[str]
     ) -> tuple[float, str, float]:
         """Return opacity, colour of the edge and width of the edge of an object."""
         kind = thing.path.partition("[")[0]
@@ -199,13 +209,13 @@ class Canvas:
         width = 2.0 if kind == "domain" else 1.0 if closed else 7.0 if kind == "wind.openings" else 1.5
         if thing.path in wrong:
             edge, width = WRONG, max(width, 2.5)
-        if thing.path == chosen:
+        if thing.path in chosen:
             edge, width = CHOSEN, max(width, 2.5)
         if kind == "robots" and isinstance(thing.part, Rectangle):
             alpha = 0.2  # an area of starts
         if self.sight is not None and isinstance(thing.part, Body) and thing.part.walks:
             alpha = AT_START
-        if thing.path in self.faded and thing.path != chosen:
+        if thing.path in self.faded and thing.path not in chosen:
             alpha *= FADED
         return alpha if closed else 1.0, edge, width
 
@@ -238,18 +248,35 @@ class Canvas:
                 at[across] += 0.3 * ARROW * longest * inward
                 yield float(at[0]), float(at[1]), angle - pi / 2, thing.color
 
-    def show_handles(self, thing: Thing | None) -> None:
-        """Draw the handles of an object, or none."""
-        handles = thing.handles(self.plane) if thing is not None else {}
+    def _show_handles(self, of: Scene, chosen: Sequence[str]) -> None:
+        """Draw the handles of the only chosen object or, if none is chosen, those of the room."""
         round_ones = ("center", "turn")
         self._fill(
             "handles",
-            ((*at, name, "circle" if name in round_ones else "square") for name, at in handles.items()),
+            (
+                (*at, name, "circle" if name in round_ones else "square")
+                for _, name, at in self._handles(of, chosen)
+            ),
         )
 
+    def _handles(self, of: Scene, chosen: Sequence[str]) -> list[tuple[str, str, Point]]:
+        """Return (path, name, position) of the handles that are shown; see `_show_handles`.
+
+        Handles of a room that is not chosen are shown where no object, such as an opening, would be dragged instead.
+        """
+        thing = of.thing(chosen[0] if chosen else "domain") if len(chosen) < 2 else None
+        handles = thing.handles(self.plane) if thing is not None else {}
+        free = [(name, at) for name, at in handles.items() if chosen or self.thing_at(of, at) is None]
+        return [(thing.path, name, at) for name, at in free] if thing is not None else []
+
     def sketch(self, points: Sequence[Point]) -> None:
-        """Draw the line of an object that is being drawn."""
+        """Draw the line of an object that is being drawn, or of a rectangle that selects."""
         self._fill("sketch", points)
+
+    def show_aids(self, at: Point = (0.0, 0.0), text: str = "", guides: Iterable[Any] = ()) -> None:
+        """Show a size or a position beside the pointer, and the guides that attract; by default neither."""
+        self._fill("size", [(*at, text)] if text else [])
+        self._fill("guides", guides)
 
     @property
     def pixels(self) -> tuple[float, float]:
@@ -281,12 +308,18 @@ class Canvas:
         """Return the size of a pixel [m]."""
         return abs(self.figure.x_range.end - self.figure.x_range.start) / self.pixels[0]
 
-    def pan(self, dx: float, dy: float) -> None:
-        """Move the view by pixels."""
+    @property
+    def view(self) -> View:
+        """Ends of the ranges along both axes [m]."""
+        return tuple((range_.start, range_.end) for range_ in (self.figure.x_range, self.figure.y_range))
+
+    def pan(self, view: View, dx: float, dy: float) -> None:
+        """Show a view moved by pixels."""
         step = self.pixel()
-        x, y = self.figure.x_range, self.figure.y_range
-        x.update(start=x.start - dx * step, end=x.end - dx * step)
-        y.update(start=y.start + dy * step, end=y.end + dy * step)
+        for range_, (start, end), by in zip(
+            (self.figure.x_range, self.figure.y_range), view, (-dx * step, dy * step), strict=True
+        ):
+            range_.update(start=start + by, end=end + by)
 
     # ---------------------------------------------------------------- a run
 
@@ -366,12 +399,32 @@ class Canvas:
 
     # ---------------------------------------------------------------- pointing
 
-    def handle_at(self, thing: Thing | None, at: Point) -> str | None:
-        """Return the handle of an object near a point, the nearest first; None if there is none near."""
-        handles = thing.handles(self.plane) if thing is not None else {}
-        apart = {name: np.hypot(x - at[0], y - at[1]) for name, (x, y) in handles.items()}
+    def handle_at(self, of: Scene, chosen: Sequence[str], at: Point) -> tuple[str, str] | None:
+        """Return path and handle of the shown handle near a point, the nearest first; None if there is none near."""
+        apart = {
+            (path, name): float(np.hypot(x - at[0], y - at[1]))
+            for path, name, (x, y) in self._handles(of, chosen)
+        }
         nearest = min(apart, key=apart.__getitem__, default=None)
         return nearest if nearest is not None and apart[nearest] <= NEAR * self.pixel() else None
+
+    def wall_at(self, of: Scene, at: Point) -> str:
+        """Return the path of the room, "domain", near one of its walls; "" elsewhere."""
+        outlines = [
+            points
+            for thing in of.things
+            if thing.path == "domain"
+            for points, _ in thing.outlines(self.plane)
+        ]
+        near = NEAR * self.pixel()
+        return "domain" if any(_distance(points, at, True) <= near for points in outlines) else ""
+
+    def things_within(self, of: Scene, a: Point, b: Point) -> list[str]:
+        """Return the paths of the objects within a rectangle; a, b: opposite corners [m]."""
+        low, high = np.minimum(a, b), np.maximum(a, b)
+        boxes = {thing.path: extent(o) for thing in of.things if (o := thing.outlines(self.plane))}
+        within = [path for path, box in boxes.items() if (box >= low).all() and (box <= high).all()]
+        return [path for path in within if path not in ("domain", "arena")]
 
     def apart(self, a: Point, b: Point) -> bool:
         """Return whether two points are so far from each other that a pointer can tell them apart."""

@@ -22,9 +22,11 @@ from taichi_plume.draw.document import (
     value_at,
 )
 from taichi_plume.draw.objects import Scene, scene
-from taichi_plume.draw.parts import Plane, Point, Values, nearest_wall, pair
+from taichi_plume.draw.parts import Plane, Point, Values, nearest_wall, pair, position_text, size_text
 from taichi_plume.draw.quantities import differences, number, plain
-from taichi_plume.scenario.changes import Data
+from taichi_plume.grid.outlines import circle
+from taichi_plume.report.theme import ABOVE
+from taichi_plume.scenario.changes import Data, steps_of
 
 BESIDE = 0.2  # m from an object to its copy, along x and y
 LEAST = 0.05  # m: a shorter drag is a click
@@ -48,13 +50,6 @@ robots: []
 """
 
 
-def snapped(point: Point, step: float | None) -> Point:
-    """Return a point moved to the nearest corner of a grid with this step [m]; None: not moved."""
-    if not step:
-        return point
-    return round(point[0] / step) * step, round(point[1] / step) * step
-
-
 def with_values(text: str, path: str, values: Values) -> str:
     """Return the text with new values [SI] of keys of a section, each spelled as the old one where it changed."""
     for key, new in values.items():
@@ -74,49 +69,114 @@ def move_handle(text: str, of: Scene, path: str, handle: str, plane: Plane, to: 
     return with_values(text, path + thing.part.within, thing.part.moved(handle, plane, to))
 
 
-def shift(text: str, of: Scene, path: str, by: Sequence[float]) -> str:
-    """Return the text once an object has been moved by a vector [m]."""
-    thing = of.thing(path)
-    if thing is None or thing.part is None:
-        raise EditError(f"{path or 'the scenario'}: cannot be moved")
-    return with_values(text, path + thing.part.within, thing.part.shifted(np.resize([*by, 0.0, 0.0], 3)))
+Move = tuple[str, str, Point]
+"""Path of an object, one of its handles, and the new position of that handle in a plane."""
 
 
-def turn(text: str, path: str, by: float) -> str:
-    """Return the text once a box, a mesh, or the heading of robots has been turned by an angle [degrees]."""
-    key = f"{path}.start.heading_deg" if path.startswith("robots[") else f"{path}.yaw_deg"
-    kind = value_at(data_of(text), f"{path}.kind")
-    if not path.startswith("robots[") and kind not in ("box", "mesh"):
-        raise EditError(f"{path or 'the scenario'}: only boxes, meshes and robots can be turned")
-    angle = value_at(data_of(text), key) or 0
-    if not isinstance(angle, int | float):
-        raise EditError(f"{key}: got {angle}; must be a number")
-    return set_value(text, key, number((angle + by + 180) % 360 - 180))
+def moves(of: Scene, paths: Sequence[str], plane: Plane, by: Point) -> list[Move]:
+    """Return how each object that can be moved is moved by a vector [m] in a plane, openings along or between walls."""
+    found = [(thing, thing.grip(plane)) for path in paths if (thing := of.thing(path)) is not None]
+    places = [(thing.path, grip, thing.handles(plane)[grip]) for thing, grip in found if grip is not None]
+    return [(path, grip, (x + by[0], y + by[1])) for path, grip, (x, y) in places]
 
 
-def copy(text: str, path: str, folder: Path) -> tuple[str, str]:
-    """Return the text with a copy of an object beside the object, and the path of the copy."""
-    above, last = parent_of(path)
-    if not last.isdecimal():
-        raise EditError(f"{path or 'the scenario'}: cannot be copied")
-    new = duplicate(text, path)
-    copied = f"{above}[{len(value_at(data_of(new), above)) - 1}]"
-    name = value_at(data_of(new), f"{copied}.name")
-    if isinstance(name, str) or above == "robots":
+def move(text: str, of: Scene, moves: Sequence[Move], plane: Plane) -> str:
+    """Return the text once handles of objects have been moved; see `moves`."""
+    for path, handle, to in moves:
+        text = move_handle(text, of, path, handle, plane, to)
+    return text
+
+
+def turn(text: str, paths: Sequence[str], by: float) -> str:
+    """Return the text once boxes, meshes, or the headings of robots have been turned by an angle [degrees].
+
+    Of several objects those that cannot be turned stay.
+    """
+    turnable = [path for path in paths if can_turn(data_of(text), path)]
+    if not turnable:
+        raise EditError(f"{(*paths, 'the scenario')[0]}: only boxes, meshes and robots can be turned")
+    for path in turnable:
+        key = f"{path}.start.heading_deg" if path.startswith("robots[") else f"{path}.yaw_deg"
+        angle = value_at(data_of(text), key) or 0
+        if not isinstance(angle, int | float):
+            raise EditError(f"{key}: got {angle}; must be a number")
+        text = set_value(text, key, number((angle + by + 180) % 360 - 180))
+    return text
+
+
+def can_turn(data: Data, path: str) -> bool:
+    """Return whether an object is a box, a mesh or robots."""
+    return path.startswith("robots[") or value_at(data, f"{path}.kind") in ("box", "mesh")
+
+
+Clip = list[tuple[str, Any]]
+"""Copied objects: the path of the list of each, and its keys and values."""
+
+
+def clip(of: Scene, paths: Sequence[str]) -> Clip:
+    """Return copies of objects for `paste`; what is not in a list, such as the room, is left out."""
+    pairs = [(parent_of(path), value_at(of.data, path)) for path in paths if path]
+    return [(above, item) for (above, last), item in pairs if last.isdecimal() and item is not None]
+
+
+def paste(text: str, copied: Clip, folder: Path, to: Point | None = None) -> tuple[str, list[str]]:
+    """Return the text with copied objects whose common middle is at a point or, without one, beside the originals.
+
+    Also return the paths of the new objects.
+    """
+    paths = []
+    for above, item in copied:
+        text, path = _named(add(text, above, item), above)
+        paths.append(path)
+    return _placed(text, paths, folder, to), paths
+
+
+def copy(text: str, paths: Sequence[str], folder: Path) -> tuple[str, list[str]]:
+    """Return the text with copies of objects, spelled alike, beside them, and the paths of the copies."""
+    copies = []
+    for path in paths:
+        above, last = parent_of(path) if path else ("", "")
+        if not last.isdecimal():
+            raise EditError(f"{path or 'the scenario'}: cannot be copied")
+        text, new = _named(duplicate(text, path), above)
+        copies.append(new)
+    return _placed(text, copies, folder), copies
+
+
+def _named(text: str, above: str) -> tuple[str, str]:
+    """Return the text with a free name of the last object of a list, if it has a name, and the object's path."""
+    items = value_at(data_of(text), above)
+    path, name = f"{above}[{len(items) - 1}]", value_at(data_of(text), f"{above}[{len(items) - 1}].name")
+    taken = [item.get("name") for item in items[:-1] if isinstance(item, dict)]
+    if (isinstance(name, str) and name in taken) or (above == "robots" and not isinstance(name, str)):
         stem = name if isinstance(name, str) and name else "robots"
-        new = set_value(new, f"{copied}.name", _free_name(new, above, stem))
-    try:
-        moved = shift(new, scene(new, folder), copied, (BESIDE, BESIDE))
-    except EditError:
-        moved = new  # such as a whole wall, which has nowhere to go
-    return moved, copied
+        text = set_value(text, f"{path}.name", _free_name(text, above, stem))
+    return text, path
 
 
-def remove(text: str, path: str) -> str:
-    """Return the text without an object."""
-    if not path or path == "domain":
+def _placed(text: str, paths: Sequence[str], folder: Path, to: Point | None = None) -> str:
+    """Return the text with objects moved as one, by the usual distance or to a point; a whole wall stays."""
+    of = scene(text, folder)
+    places = [place for _, _, place in moves(of, paths, ABOVE, (0.0, 0.0))]
+    if not places:
+        return text
+    low, high = np.min(places, axis=0), np.max(places, axis=0)
+    by = (BESIDE, BESIDE) if to is None else pair(to - (low + high) / 2)
+    return move(text, of, moves(of, paths, ABOVE, by), ABOVE)
+
+
+def remove(text: str, paths: Sequence[str]) -> str:
+    """Return the text without objects; the room itself stays."""
+    if not [path for path in paths if path not in ("", "domain")]:
         raise EditError("the room itself cannot be deleted")
-    return delete(text, path)
+    for path in sorted(paths, key=_order, reverse=True):  # the last item first: the others keep their paths
+        text = delete(text, path) if path not in ("", "domain") else text
+    return text
+
+
+def _order(path: str) -> list[tuple[int, str]]:
+    """Return a key that sorts paths in the order of lists."""
+    return [(int(step), "") if step.isdecimal() else (-1, step) for step in steps_of(path)] if path else []
 
 
 def _free_name(text: str, path: str, name: str) -> str:
@@ -152,6 +212,8 @@ KINDS = {
 """Kinds of objects that can be drawn, with a word on how."""
 CLICKED = ("polygon", "walker")
 """Kinds that are drawn by several clicks; the others by a drag or a click."""
+OPENINGS, AREAS = ("inlet", "outlet", "honeycomb", "fan"), ("box", "robot area", "arena")
+ROUND, LINES = ("cylinder", "sphere"), ("robot line", "probe line")
 _ROBOT: dict[str, Any] = {
     "algorithm": {"kind": "casting", "threshold_ppm": 5},
     "sensors": {"gas": {"kind": "mox"}, "wind": {"kind": "ultrasonic"}},
@@ -182,6 +244,22 @@ def create(
     return new, f"{path}[{len(value_at(data_of(new), path)) - 1}]"
 
 
+def sketch(kind: str, a: Point, b: Point, room: tuple[float, ...] | None) -> tuple[Sequence[Point], str]:
+    """Return the line of an object that a drag from a to b draws, and its size or position as text."""
+    far, points = hypot(b[0] - a[0], b[1] - a[1]), np.array([a, b])
+    if kind in AREAS:
+        return [a, (b[0], a[1]), b, (a[0], b[1]), a], size_text(np.subtract(b, a))
+    if kind in OPENINGS and room is not None:
+        face, *ends = on_wall(a, b, room)
+        axis = 1 if face[0] == "x" else 0
+        points[:, axis], points[:, 1 - axis] = ends, room[1 - axis] if face[1] == "+" else 0.0
+        return [pair(point) for point in points], size_text([ends[1] - ends[0]])
+    if kind in ROUND:
+        rim = circle(np.array(a), far)
+        return [pair(point) for point in [*rim, rim[0]]], f"radius {far:.2f} m"
+    return ([a, b], size_text([far])) if kind in LINES else ([], position_text(ABOVE, a))
+
+
 def _box_of(a: Point, b: Point) -> dict[str, list[float]]:
     low, high = np.minimum(a, b), np.maximum(a, b)
     high = np.where(high - low < LEAST, low + 0.5, high)
@@ -195,7 +273,7 @@ def _item(
     data, a, b = data_of(text), points[0], points[-1]
     far, flat = hypot(b[0] - a[0], b[1] - a[1]), len(room) == 2
     low = [] if flat else [min(0.25, room[2] / 2)]  # a height above the floor
-    if kind in ("inlet", "outlet", "honeycomb", "fan"):
+    if kind in OPENINGS:
         if value_at(data, "wind.kind") != "cfd":
             raise EditError("wind.kind: openings take a computed wind, kind: cfd")
         return "wind.openings", _opening(kind, a, b, room)
@@ -249,16 +327,24 @@ def _obstacle(
     return {"kind": kind, "center": [*a, *height], "radius": radius}
 
 
-def _opening(kind: str, a: Point, b: Point, room: tuple[float, ...]) -> dict[str, Any]:
-    """Return the keys of an opening on the wall nearest to a drag, as wide as the drag along the wall."""
+def on_wall(a: Point, b: Point, room: Sequence[float]) -> tuple[str, float, float]:
+    """Return the wall nearest to a drag, and from where to where [m] along the wall an opening is that is drawn so.
+
+    A drag that is not along that wall, or a click, makes an opening a fifth as wide as the wall.
+    """
     face = nearest_wall(pair((np.array(a) + b) / 2), room)
     axis = 1 if face[0] == "x" else 0
-    low, high = sorted((a[axis], b[axis]))
+    low, high = np.clip(sorted((a[axis], b[axis])), 0.0, room[axis])
     if high - low < LEAST:
-        low, high = low - room[axis] / 10, high + room[axis] / 10
-    low, high = max(low, 0.0), min(high, room[axis])
-    if high - low < LEAST:
-        raise EditError("an opening lies on a wall: drag along the wall")
+        width = room[axis] / 5
+        low = min(max((low + high - width) / 2, 0.0), room[axis] - width)
+        high = low + width
+    return face, float(low), float(high)
+
+
+def _opening(kind: str, a: Point, b: Point, room: tuple[float, ...]) -> dict[str, Any]:
+    """Return the keys of an opening on the wall nearest to a drag, as wide as the drag along the wall."""
+    face, low, high = on_wall(a, b, room)
     height = room[2:]
     middle = [(low + high) / 2, *(h / 2 for h in height)]
     size = {"diameter": min((high - low, *height))} if kind == "fan" else {"size": [high - low, *height]}

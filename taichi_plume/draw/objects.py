@@ -77,6 +77,11 @@ class Thing:
         """Return the handles in a plane by their names."""
         return self.part.handles(plane) if self.part else {}
 
+    def grip(self, plane: Plane) -> str | None:
+        """Return the handle that moves the whole object: `center`, or the only handle; None without such a handle."""
+        handles = self.handles(plane)
+        return "center" if "center" in handles else next(iter(handles)) if len(handles) == 1 else None
+
     def place(self, plane: Plane = ABOVE) -> Point | None:
         """Return the position of a number in a plane."""
         handles = self.handles(plane)

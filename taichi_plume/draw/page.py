@@ -32,6 +32,7 @@ from taichi_plume.draw.document import line_of
 from taichi_plume.draw.drafts import Draft
 from taichi_plume.draw.file_menu import FileMenu
 from taichi_plume.draw.form_panel import FormPanel
+from taichi_plume.draw.parts import Point
 from taichi_plume.draw.pointer import Pointer
 from taichi_plume.draw.run_panel import RunPanel
 from taichi_plume.draw.time_bar import TimeBar
@@ -58,6 +59,9 @@ class Page:
     def __init__(self, document: Document, workplace: Workplace):
         self.document, self.workplace = document, workplace
         self.chosen, self.scene = "", workplace.scene
+        self.others: list[str] = []
+        """Paths of the objects that are selected beside the chosen one, which has the form."""
+        self.clip: edits.Clip = []
         self._due: list[Callable[[], None]] = []
         self.asked: Callable[[], None] | None = None
         self._left: Draft | None = None  # the draft that the standing question is about
@@ -200,6 +204,7 @@ class Page:
         """Show the present text, and what the checks found about it."""
         work = self.workplace
         self.scene = work.scene
+        self.others = [path for path in self.others if self.scene.thing(path) is not None]
         if self.chosen and not self.form.exists(self.scene.data, self.chosen):
             self.chosen = ""
         if self.text.value_input != work.text:  # what a user types; `value` follows once the area is left
@@ -242,7 +247,7 @@ class Page:
             )
         wrong = {scene.owner(remark.path) for remark in remarks if remark.is_error}
         for plane, canvas in self.canvases.items():
-            canvas.show(scene, self.chosen, wrong, marks[plane])
+            canvas.show(scene, self.selection, wrong, marks[plane])
         nothing = "<p>Nothing: the scenario can be run.</p>" if checked is not None else "<p>checking …</p>"
         self.remarks.text = "".join(lines) or nothing
         self.tabs.tabs[2].title = f"Remarks ({len(lines)})" if lines else "Remarks"
@@ -332,19 +337,30 @@ class Page:
             return None
 
     def choose(self, path: str) -> None:
-        """Select the object or section at a path."""
-        self.chosen = path
+        """Select the object or section at a path, and no other one."""
+        self.select([path])
+
+    def select(self, paths: Sequence[str]) -> None:
+        """Select the objects at paths; the form shows the last one."""
+        *others, self.chosen = dict.fromkeys(paths) or [""]
+        self.others = list(filter(None, others))
         self.refresh()
+
+    @property
+    def selection(self) -> list[str]:
+        """Paths of the selected objects, the chosen one last."""
+        return [*self.others, *filter(None, [self.chosen])]
 
     def _typed(self, text: str) -> None:
         if text != self.workplace.text:
             self.put(text)
 
-    def edit(self, work: Callable[[], str | tuple[str, str]]) -> bool:
-        """Take the text that a function returns, perhaps with a path to be chosen; return whether it made no error."""
+    def edit(self, work: Callable[[], str | tuple[str, str | Sequence[str]]]) -> bool:
+        """Take the text that a function returns, perhaps with paths to be selected; return whether it made no error."""
         made = self.tried(work)
         if made is not None:
-            text, self.chosen = (made, self.chosen) if isinstance(made, str) else made
+            text, paths = (made, self.selection) if isinstance(made, str) else made
+            *self.others, self.chosen = [paths] if isinstance(paths, str) else paths or [""]
             self.put(text)
         return made is not None
 
@@ -357,15 +373,24 @@ class Page:
         self._catch_up()
 
     def _copy(self) -> None:
-        self.edit(lambda: edits.copy(self.workplace.text, self.chosen, self.workplace.folder))
+        self.edit(lambda: edits.copy(self.workplace.text, self.selection, self.workplace.folder))
+
+    def _paste(self, at: Point | None = None) -> None:
+        if self.clip:
+            self.edit(lambda: edits.paste(self.workplace.text, self.clip, self.workplace.folder, at))
 
     def _turn(self, degrees: float) -> None:
-        self.edit(lambda: edits.turn(self.workplace.text, self.chosen, degrees))
+        self.edit(lambda: edits.turn(self.workplace.text, self.selection, degrees))
 
     def _delete(self) -> None:
         if self.scene.thing(self.chosen) is not None:
             # the path is then that of the next item, which a second Delete would remove
-            self.edit(lambda: (edits.remove(self.workplace.text, self.chosen), ""))
+            self.edit(lambda: (edits.remove(self.workplace.text, self.selection), ""))
+
+    def _move(self, by: Point) -> None:
+        moves = edits.moves(self.scene, self.selection, ABOVE, by)
+        if moves:
+            self.edit(lambda: edits.move(self.workplace.text, self.scene, moves, ABOVE))
 
     def _fit(self) -> None:
         for canvas in self.canvases.values():

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from taichi_plume.draw.quantities import ROUNDED
 from taichi_plume.grid.outlines import circle, rectangle
 from taichi_plume.report.theme import ABOVE
 from taichi_plume.scenario.domain import Arena, Domain
@@ -79,6 +80,29 @@ class Part:
     def shifted(self, by: np.ndarray) -> Values:
         """Return the new values of keys once the section has been moved by a vector of three axes [m]."""
         return {key: moved_point(point, by) for key, point in self.points.items()}
+
+    def measure(self, handle: str, plane: Plane) -> str:
+        """Return the size [m] that a handle of an edge or a corner sets, or the position of another handle, as text."""
+        if handle[0] in "+-":
+            low, high = extent(self.outlines(plane))
+            return size_text(high - low)
+        return position_text(plane, self.handles(plane)[handle])
+
+
+def extent(outlines: Sequence[Outline]) -> np.ndarray:
+    """Return the lowest and highest coordinates (2, 2) [m] of the areas of an object; without areas, of its lines."""
+    points = np.concatenate([o.points for o in outlines if o.closed] or [o.points for o in outlines])
+    return np.array([np.nanmin(points, axis=0), np.nanmax(points, axis=0)])
+
+
+def position_text(plane: Plane, at: Point) -> str:
+    """Return a position [m] in a plane as text, such as "x 1.20 y 0.80 m"."""
+    return " ".join(f"{'xyz'[axis]} {x:.2f}" for axis, x in zip(plane, at, strict=True)) + " m"
+
+
+def size_text(size: Any) -> str:
+    """Return a size [m] as text, such as "0.40 × 0.60 m"; a window seen edge on has one number."""
+    return " × ".join(f"{abs(x):.2f}" for x in size if abs(x) >= ROUNDED) + " m"
 
 
 def edges_of(low: Sequence[float], high: Sequence[float]) -> dict[str, Point]:
@@ -251,11 +275,6 @@ class Pane(Part):
         center[0] = min(max(float(to[axis]), half[0]), self.room[axis] - half[0])
         return {"face": wall, "center": center, **self._size(half)}
 
-    def shifted(self, by: np.ndarray) -> Values:
-        if self.model.center is None:
-            return {}
-        return {"center": moved_point(self.model.center, by[self.model.along(self.dim)])}
-
 
 class Wrapped(Part):
     """A periodic axis: a line along both of its faces."""
@@ -312,6 +331,9 @@ class Points(Part):
         # of handles at one place the first counts: the middle one of three robots can be moved alone
         handles = {**(seen if len(seen) > 1 else {}), "center": (x, y)}
         return handles | ({"rim": (x + self.rim, y)} if self.rim else {})
+
+    def measure(self, handle: str, plane: Plane) -> str:
+        return f"radius {self.rim:.2f} m" if handle == "rim" else super().measure(handle, plane)
 
     def moved(self, handle: str, plane: Plane, to: Point) -> Values:
         if handle == "rim":

@@ -1,18 +1,20 @@
 """Actions of the pointer in the views: select, move, resize, draw, and move the view."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
 from bokeh.events import DoubleTap, Pan, PanEnd, PanStart, Tap
 from bokeh.models import InlineStyleSheet, RadioButtonGroup, Select
 
 from taichi_plume.draw import edits
-from taichi_plume.draw.canvas import Canvas
+from taichi_plume.draw.alignment import POINT, REACH, Guides, Line, snapped
+from taichi_plume.draw.canvas import Canvas, View
 from taichi_plume.draw.document import data_of
 from taichi_plume.draw.objects import preview
-from taichi_plume.draw.parts import Plane, Point
+from taichi_plume.draw.parts import Point, extent
 from taichi_plume.guard.yaml_text import LineError, read_text
 from taichi_plume.report.theme import ABOVE
 
@@ -26,15 +28,24 @@ FILES = {"mesh": (".stl", ".obj", ".ply"), "map": (".yaml", ".yml")}
 
 
 class Drag(NamedTuple):
-    """A drag that has begun. path, handle: of the dragged object; "" for the view or a new object.
+    """A drag that has begun. start: where the pointer went down.
 
-    start: where the pointer went down; offset: from there to the handle.
+    path, handle: of the dragged object; "" for the view, a new object or a rectangle that selects (`selects`).
+    paths: of all objects that move with the dragged one; offset: from the start to the handle; guides: that attract the
+    handle along `axes`; own: offsets from the handle to the edges and middles of the object (n, 2) [m]; view: at the
+    start, of a drag that moves the view.
     """
 
     path: str
     handle: str
     start: Point
+    paths: Sequence[str] = ()
     offset: Point = (0.0, 0.0)
+    guides: Guides | None = None
+    axes: Sequence[int] = (0, 1)
+    own: np.ndarray = POINT
+    view: View = ()
+    selects: bool = False
 
 
 class Pointer:
@@ -55,14 +66,19 @@ class Pointer:
 
     def _listen(self, canvas: Canvas) -> None:
         """Attend to the pointer in a view; before the view joins the document: Bokeh learns of callbacks then."""
-        plot = canvas.figure
-        plot.on_event(Tap, lambda event: self.tap(canvas, (event.x, event.y)))
-        plot.on_event(DoubleTap, lambda event: self.double_tap(canvas, (event.x, event.y)))
-        plot.on_event(PanStart, lambda event: self.start(canvas, (event.x, event.y)))
-        plot.on_event(
-            Pan, lambda event: self.drag(canvas, (event.x, event.y), (event.delta_x, event.delta_y))
-        )
-        plot.on_event(PanEnd, lambda event: self.end(canvas, (event.x, event.y)))
+
+        def attend(event: Any, work: Callable[..., None]) -> None:
+            def heard(e: Any) -> None:
+                by = {"by": (e.delta_x, e.delta_y)} if isinstance(e, Pan) else {}
+                work(canvas, (e.x, e.y), **by, **_modifiers(e))
+
+            canvas.figure.on_event(event, heard)
+
+        attend(Tap, self.tap)
+        attend(DoubleTap, self.double_tap)
+        attend(PanStart, self.start)
+        attend(Pan, self.drag)
+        attend(PanEnd, self.end)
 
     @property
     def kind(self) -> str:
@@ -95,29 +111,48 @@ class Pointer:
         self.page.look()
 
     def _forget(self) -> None:
-        """Forget what has been drawn of a new object."""
-        self.points = []
-        self.page.canvases[ABOVE].sketch([])
+        """Forget what has been drawn of a new object, and the drag."""
+        self.points, self.dragged = [], None
+        for canvas in self.page.canvases.values():
+            canvas.sketch([])
+            canvas.show_aids()
 
-    def _snapped(self, at: Point) -> Point:
-        return edits.snapped(at, STEPS[self.step.value])
+    def cancel(self) -> None:
+        """Give up the drag or the object that is being drawn, and the tool of the palette."""
+        self._forget()
+        self.palette.active = 0
 
-    def tap(self, canvas: Canvas, at: Point) -> None:
-        """Select the object at a point, or draw there."""
+    @property
+    def pace(self) -> float:
+        """Step of the grid [m]; 0: none."""
+        return STEPS[self.step.value]
+
+    def tap(
+        self, canvas: Canvas, at: Point, shift: bool = False, ctrl: bool = False, alt: bool = False
+    ) -> None:
+        """Select the object at a point (shift, ctrl: one more or one less), or draw there (alt: beside the grid)."""
+        page = self.page
+        to = at if alt else snapped(at, self.pace)
         if self.kind == "select":
-            self.page.choose(canvas.thing_at(self.page.scene, at) or "")
+            path = canvas.thing_at(page.scene, at) or ""
+            if shift or ctrl:
+                if path:
+                    others = [other for other in page.selection if other != path]
+                    page.select(others if path in page.selection else [*others, path])
+            else:
+                page.select([path or canvas.wall_at(page.scene, at)])
         elif canvas.plane != ABOVE:
-            self.page.say("draw in the view from above; heights are set in the view from the side afterwards")
+            page.say("draw in the view from above; heights are set in the view from the side afterwards")
         elif self.kind in edits.CLICKED:
-            self.points.append(self._snapped(at))
+            self.points.append(to)
             canvas.sketch(self.points)
         else:
-            self._create([self._snapped(at)])
+            self._create([to])
 
-    def double_tap(self, canvas: Canvas, at: Point) -> None:
+    def double_tap(self, canvas: Canvas, at: Point, **modifiers: bool) -> None:
         """End a polygon or a path; two quick clicks at different places are clicks (to Bokeh, a double one)."""
         if self.kind not in edits.CLICKED or not self.points or canvas.apart(self.points[-1], at):
-            self.tap(canvas, at)
+            self.tap(canvas, at, **modifiers)
         else:
             self._create([p for n, p in enumerate(self.points) if n == 0 or p != self.points[n - 1]])
 
@@ -130,71 +165,130 @@ class Pointer:
         if made and kind in ("mesh", "map", "arena"):
             self.palette.active = 0
 
-    def start(self, canvas: Canvas, at: Point) -> None:
-        """Begin a drag: of a handle of the chosen object, of the object at a point, of the view, or of a new object."""
-        page, self.dragged = self.page, None
-        if self.kind != "select":
-            self.dragged = Drag("", "", at) if canvas.plane == ABOVE else None
-            return
-        handle = canvas.handle_at(page.scene.thing(page.chosen), at)
-        if handle is not None:
-            self.dragged = Drag(page.chosen, handle, at)
-            return
-        path = canvas.thing_at(page.scene, at)
-        if path is None:
-            self.dragged = Drag("", "", at)
-            return
-        if path != page.chosen:
-            page.choose(path)
-        thing = page.scene.thing(path)
-        handles = thing.handles(canvas.plane) if thing is not None else {}
-        if "center" in handles or len(handles) == 1:
-            handle = "center" if "center" in handles else next(iter(handles))
-            x, y = handles[handle]
-            self.dragged = Drag(path, handle, at, (x - at[0], y - at[1]))
+    def start(
+        self, canvas: Canvas, at: Point, shift: bool = False, ctrl: bool = False, alt: bool = False
+    ) -> None:
+        """Begin a drag: of a handle, of the object at a point with all selected ones, of the view, or of a new object.
 
-    def drag(self, canvas: Canvas, at: Point, by: Point) -> None:
-        """Show what a drag to a point would do; by: its last step in pixels."""
+        shift: of a rectangle that selects what lies within.
+        """
+        page, self.dragged = self.page, None
+        scene, plane = page.scene, canvas.plane
+        if self.kind != "select":
+            if plane == ABOVE:
+                guides = Guides(scene, plane)
+                a = at if alt else guides.snapped(at, self.pace, REACH * canvas.pixel())[0]
+                self.dragged = Drag("", "", a, guides=guides)
+            return
+        if shift or ctrl:
+            self.dragged = Drag("", "", at, selects=True)
+            return
+        found = canvas.handle_at(scene, page.selection, at)
+        if found is not None:
+            path, handle = found
+            axes = [n for n in (0, 1) if handle[0] not in "+-" or int(handle[2 * n : 2 * n + 2])]
+            guides = None if handle in ("rim", "turn") else Guides(scene, plane, [path])
+            self.dragged = Drag(path, handle, at, [path], guides=guides, axes=axes)
+            if path != page.chosen:
+                page.select([path])
+            return
+        path = canvas.thing_at(scene, at)
+        if path is None:
+            self.dragged = Drag("", "", at, view=canvas.view)
+            return
+        if path not in page.selection:
+            page.select([path])
+        thing = scene.thing(path)
+        handle = thing.grip(plane) if thing is not None else None
+        if thing is not None and handle is not None:
+            x, y = thing.handles(plane)[handle]
+            low, high = extent(thing.outlines(plane)) - (x, y)
+            self.dragged = Drag(
+                path, handle, at, page.selection, (x - at[0], y - at[1]), Guides(scene, plane, page.selection),
+                own=np.array([low, (low + high) / 2, high]),
+            )  # fmt: skip
+
+    def drag(self, canvas: Canvas, at: Point, by: Point, alt: bool = False, **_: bool) -> None:
+        """Show what a drag to a point would do. by: pixels from its start; alt: neither grid nor guides attract."""
         if self.dragged is None:
             return
-        path, handle, start, offset = self.dragged
-        if self.kind != "select":
-            a, b = self._snapped(start), self._snapped(at)
-            is_area = self.kind in ("box", "robot area", "arena")
-            canvas.sketch([a, (b[0], a[1]), b, (a[0], b[1]), a] if is_area else [a, b])
+        path, a = self.dragged.path, self.dragged.start
+        if self.dragged.selects:
+            canvas.sketch([a, (at[0], a[1]), at, (a[0], at[1]), a])
+        elif self.kind != "select":
+            b, lines = self._target(canvas, at, alt)
+            line, text = edits.sketch(self.kind, a, b, self.page.scene.room)
+            canvas.sketch(line)
+            canvas.show_aids(at, text, lines)
         elif not path:
-            canvas.pan(*by)
+            canvas.pan(self.dragged.view, *by)
         else:
-            self._preview(canvas.plane, path, handle, self._target(at, offset))
+            self._preview(canvas, at, alt)
 
-    def _target(self, at: Point, offset: Point) -> Point:
-        return self._snapped((at[0] + offset[0], at[1] + offset[1]))
+    def _target(self, canvas: Canvas, at: Point, alt: bool) -> tuple[Point, list[Line]]:
+        """Return where a drag to a point takes its handle, and the guides on which the handle is then."""
+        assert self.dragged is not None
+        to = at[0] + self.dragged.offset[0], at[1] + self.dragged.offset[1]
+        guides, step, reach = self.dragged.guides, 0.0 if alt else self.pace, REACH * canvas.pixel()
+        if self.dragged.handle == "turn":
+            return to, []
+        if guides is None:
+            return snapped(to, step), []
+        return guides.snapped(to, step, reach, self.dragged.own, self.dragged.axes)
 
-    def _preview(self, plane: Plane, path: str, handle: str, to: Point) -> None:
-        page = self.page
-        thing = page.scene.thing(path)
-        if thing is None or thing.part is None:
-            return
-        moved = preview(page.scene, path, thing.part.moved(handle, plane, to), page.workplace.folder)
-        if moved is not None and moved.part is not None:
-            shown = page.scene.with_thing(moved)
-            for canvas in page.canvases.values():
-                canvas.show(shown, path)
+    def _moves(self, canvas: Canvas, to: Point) -> list[tuple[str, str, Point]]:
+        """Return (path, handle, position) of all handles that a drag moves."""
+        assert self.dragged is not None
+        path, handle, paths, scene = (
+            self.dragged.path,
+            self.dragged.handle,
+            self.dragged.paths,
+            self.page.scene,
+        )
+        thing = scene.thing(path)
+        if thing is None or len(paths) == 1:
+            return [(path, handle, to)]
+        x, y = thing.handles(canvas.plane)[handle]
+        return edits.moves(scene, paths, canvas.plane, (to[0] - x, to[1] - y))
 
-    def end(self, canvas: Canvas, at: Point) -> None:
-        """End a drag: edit the text."""
-        page, dragged, self.dragged = self.page, self.dragged, None
+    def _preview(self, canvas: Canvas, at: Point, alt: bool) -> None:
+        page, shown = self.page, self.page.scene
+        assert self.dragged is not None
+        to, lines = self._target(canvas, at, alt)
+        for path, handle, place in self._moves(canvas, to):
+            thing = page.scene.thing(path)
+            if thing is None or thing.part is None:
+                continue
+            values = thing.part.moved(handle, canvas.plane, place)
+            moved = preview(page.scene, path, values, page.workplace.folder)
+            if moved is not None and moved.part is not None:
+                shown = shown.with_thing(moved)
+        for other in page.canvases.values():
+            other.show(shown, page.selection)
+        dragged = shown.thing(self.dragged.path)
+        if dragged is not None and dragged.part is not None:
+            canvas.show_aids(at, dragged.part.measure(self.dragged.handle, canvas.plane), lines)
+
+    def end(self, canvas: Canvas, at: Point, alt: bool = False, **_: bool) -> None:
+        """End a drag: edit the text, or select what lies within a rectangle."""
+        page, dragged = self.page, self.dragged
         if dragged is None:
             return
-        path, handle, start, offset = dragged
-        if self.kind != "select":
-            self._create([self._snapped(start), self._snapped(at)])
-        elif path:
-            target = self._target(at, offset)
-            page.edit(
-                lambda: edits.move_handle(page.workplace.text, page.scene, path, handle, canvas.plane, target)
-            )
+        to, _ = self._target(canvas, at, alt)
+        moves = self._moves(canvas, to) if dragged.path else []
+        self._forget()
+        if dragged.selects:
+            page.select([*page.selection, *canvas.things_within(page.scene, dragged.start, at)])
+        elif self.kind != "select":
+            self._create([dragged.start, to])
+        elif moves:
+            page.edit(lambda: edits.move(page.workplace.text, page.scene, moves, canvas.plane))
             page.refresh()
+
+
+def _modifiers(event: Any) -> dict[str, bool]:
+    """Return which modifier keys were held during an event."""
+    return {key: bool((event.modifiers or {}).get(key)) for key in ("shift", "ctrl", "alt")}
 
 
 def _is_map(file: Path) -> bool:

@@ -37,6 +37,11 @@ def dragged(text, path, handle, to, plane=ABOVE):
     return edits.move_handle(text, scene(text, HERE), path, handle, plane, to)
 
 
+def shifted(text, paths, by, plane=ABOVE):
+    of = scene(text, HERE)
+    return edits.move(text, of, edits.moves(of, paths, plane, by), plane)
+
+
 DRAGS = {
     "inlet": [(0.02, 1.0), (0.05, 2.0)],
     "outlet": [(4.0, 0.5), (4.1, 1.5)],
@@ -100,14 +105,14 @@ def test_a_room_drawn_from_nothing_can_be_run():
 def test_a_group_with_a_wrong_name_is_copied_under_a_right_one(name):
     text, path = drawn(edits.BLANK, "robots", (1, 1))
     text = text.replace("name: team", f"name: {name}")
-    copied, new = edits.copy(text, path, HERE)
+    copied, (new,) = edits.copy(text, [path], HERE)
     assert value_at(data_of(copied), f"{new}.name") == "robots2"
 
 
 @pytest.mark.parametrize("yaw", [0, 25])
 def test_a_corner_of_a_box_follows_the_pointer_and_the_opposite_one_stays(yaw):
     text, path = drawn(edits.BLANK, "box", (1, 1), (1.6, 1.4))
-    text = edits.turn(text, path, yaw)
+    text = edits.turn(text, [path], yaw)
     before = scene(text, HERE).thing(path).handles(ABOVE)
     new = dragged(text, path, "+1+1", (2.0, 2.0))
     after = scene(new, HERE).thing(path).handles(ABOVE)
@@ -174,16 +179,78 @@ def test_heights_are_dragged_in_the_view_from_the_side():
 
 def test_a_walker_is_moved_with_its_way():
     text, path = drawn(edits.BLANK, "walker", (1, 1), (2, 1))
-    moved = edits.shift(text, scene(text, HERE), path, (0.5, 0.25))
+    moved = shifted(text, [path], (0.5, 0.25))
     obstacle = value_at(data_of(moved), path)
     assert obstacle["center"] == [1.5, 1.25]
     assert [point[1:] for point in obstacle["motion"]["path"]] == [[2.5, 1.25], [1.5, 1.25]]
     assert [point[0] for point in obstacle["motion"]["path"]] == [2, 4], "times stay"
 
 
-def test_the_grid_takes_points_to_its_corners():
-    assert edits.snapped((1.234, 0.377), 0.05) == pytest.approx((1.25, 0.4))
-    assert edits.snapped((1.234, 0.377), None) == (1.234, 0.377)
+@pytest.mark.parametrize("base", ["casting_room", "arena_3d"])
+def test_several_objects_are_moved_copied_and_removed_as_each_alone(base):
+    text = BASES[base]
+    of = scene(text, HERE)
+    paths = [t.path for t in of.things if t.path.startswith(("obstacles", "gas.sources", "robots"))]
+    assert len(paths) > 4
+    one_by_one = text
+    for path in paths:
+        one_by_one = shifted(one_by_one, [path], (0.15, -0.1))
+    assert shifted(text, paths, (0.15, -0.1)) == one_by_one
+    copied, new = edits.copy(text, paths, HERE)
+    assert len(scene(copied, HERE).things) == len(of.things) + len(paths)
+    assert edits.remove(copied, new) == text
+    assert edits.remove(copied, [*new, "domain"]) == text, "the room stays"
+    left = {thing.path for thing in scene(edits.remove(text, paths), HERE).things}
+    assert not [path for path in paths if path in left]
+
+
+def test_objects_are_pasted_together_at_a_point_under_free_names():
+    text = BASES["casting_room"]
+    paths = ["obstacles[0]", "obstacles[2]", "robots[0]", "domain", ""]
+    copied = edits.clip(scene(text, HERE), paths)
+    pasted, new = edits.paste(text, copied, HERE, (2.0, 1.0))
+    assert new == ["obstacles[3]", "obstacles[4]", "robots[2]"]
+    before, after = scene(text, HERE), scene(pasted, HERE)
+    shifts = [
+        np.subtract(after.thing(b).place(), before.thing(a).place()) for a, b in zip(paths, new, strict=False)
+    ]
+    assert shifts[1] == pytest.approx(shifts[0], abs=2e-3)
+    assert shifts[2] == pytest.approx(shifts[0], abs=2e-3)
+    places = np.array([after.thing(path).place() for path in new])
+    assert (places.min(axis=0) + places.max(axis=0)) / 2 == pytest.approx((2.0, 1.0), abs=2e-3)
+    data = data_of(pasted)
+    assert value_at(data, "robots[2].name") not in (
+        "",
+        *(value_at(data, f"robots[{n}].name") for n in (0, 1)),
+    )
+    gone = edits.remove(text, paths[:3])
+    again, _ = edits.paste(gone, copied, HERE)
+    assert value_at(data_of(again), "robots[1].name") == value_at(data, "robots[0].name")
+
+
+@pytest.mark.parametrize("at", [(-0.5, -0.4), (0.02, 0.01), (4.6, 1.5), (2.0, 3.4), (2.1, 1.4), (4.3, 3.2)])
+@pytest.mark.parametrize("kind", edits.OPENINGS)
+def test_an_opening_dropped_anywhere_lies_on_the_nearest_wall(kind, at):
+    text, path = drawn(edits.BLANK, kind, at)
+    low, high = surrounding(scene(text, HERE).thing(path).outlines(ABOVE))
+    assert (low >= 0).all()
+    assert (high <= (4, 3)).all()
+    face = value_at(data_of(text), f"{path}.face")
+    apart = {"x-": at[0], "x+": 4 - at[0], "y-": at[1], "y+": 3 - at[1]}
+    assert abs(apart[face]) == min(map(abs, apart.values()))
+    assert (high - low).max() == pytest.approx(0.6 if face[0] == "x" else 0.8, abs=2e-3)
+
+
+@pytest.mark.parametrize("kind", DRAGS)
+def test_a_sketch_is_where_the_object_will_be(kind):
+    a, b = DRAGS[kind][0], DRAGS[kind][-1]
+    line, size = edits.sketch(kind, a, b, (4.0, 3.0))
+    assert size.endswith(" m")
+    if kind in (*edits.OPENINGS, *edits.AREAS, *edits.ROUND):
+        text, path = drawn(edits.BLANK, kind, a, b)
+        assert np.ravel([np.min(line, axis=0), np.max(line, axis=0)]) == pytest.approx(
+            boxes(scene(text, HERE).thing(path)), abs=2e-3
+        )
 
 
 def test_a_new_kind_keeps_what_both_kinds_have():
@@ -251,7 +318,7 @@ def carried_out(text, action):
             assert horizontal == pytest.approx(rest[3][0], abs=2e-3)
         return new
     if kind == "shift":
-        new = edits.shift(text, of, thing.path, rest[1])
+        new = shifted(text, [thing.path], rest[1])
         others = [t.path for t in things if t.path != thing.path]
         after = scene(new, HERE)
         for path in others:
@@ -260,13 +327,13 @@ def carried_out(text, action):
                 assert boxes(now) == pytest.approx(boxes(before)), "only the moved object moves"
         return new
     if kind == "turn":
-        return edits.turn(text, thing.path, rest[1])
+        return edits.turn(text, [thing.path], rest[1])
     if kind == "copy":
-        new, path = edits.copy(text, thing.path, HERE)
+        new, (path,) = edits.copy(text, [thing.path], HERE)
         assert len(scene(new, HERE).things) == len(of.things) + 1
         return new
     if kind == "remove":
-        new = edits.remove(text, thing.path)
+        new = edits.remove(text, [thing.path])
         assert len(scene(new, HERE).things) == len(of.things) - 1
         return new
     rows = forms.rows(of.data, thing.path)

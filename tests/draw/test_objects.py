@@ -70,8 +70,8 @@ def test_the_middle_one_of_three_robots_can_be_moved_alone():
     text = (
         path.read_text().replace("[[4.6, 0.5]]", "[[1, 1], [2, 1], [3, 1]]").replace("count: 1", "count: 3")
     )
-    robots = scene(text, path.parent).thing("robots[0]")
-    assert Canvas(ABOVE).handle_at(robots, (2.0, 1.0)) == "positions[1]"
+    of = scene(text, path.parent)
+    assert Canvas(ABOVE).handle_at(of, ["robots[0]"], (2.0, 1.0)) == ("robots[0]", "positions[1]")
 
 
 def test_a_text_with_mistakes_is_drawn_as_far_as_it_can_be_read():
