@@ -20,7 +20,7 @@ from bokeh.plotting import figure
 
 from taichi_plume.draw.bodies import Body
 from taichi_plume.draw.objects import Scene, Thing
-from taichi_plume.draw.parts import Outline, Plane, Point, Rectangle, extent
+from taichi_plume.draw.parts import Outline, Pane, Plane, Point, Rectangle, extent
 from taichi_plume.execution.latest_instant import Instant, Picture
 from taichi_plume.report import theme
 from taichi_plume.report.theme import ABOVE
@@ -94,6 +94,7 @@ class Canvas:
             min_border_right=10, output_backend="canvas", x_axis_label=f"{'xyz'[plane[0]]} [m]",
             y_axis_label=f"{'xyz'[plane[1]]} [m]", name="above" if plane == ABOVE else "side",
         )  # fmt: skip
+        self.figure.context_menu = None  # the page has its own
         wheel = WheelZoomTool()
         self.figure.add_tools(wheel)
         self.figure.toolbar.active_scroll = wheel
@@ -262,11 +263,18 @@ class Canvas:
     def _handles(self, of: Scene, chosen: Sequence[str]) -> list[tuple[str, str, Point]]:
         """Return (path, name, position) of the handles that are shown; see `_show_handles`.
 
-        Handles of a room that is not chosen are shown where no object, such as an opening, would be dragged instead.
+        Handles of a room that is not chosen are shown where no object would be dragged instead, such as an opening
+        that is not as wide as its wall.
         """
         thing = of.thing(chosen[0] if chosen else "domain") if len(chosen) < 2 else None
         handles = thing.handles(self.plane) if thing is not None else {}
-        free = [(name, at) for name, at in handles.items() if chosen or self.thing_at(of, at) is None]
+
+        def is_free(at: Point) -> bool:
+            path = self.thing_at(of, at)
+            other = None if path is None else of.thing(path)
+            return other is None or (isinstance(other.part, Pane) and other.part.model.center is None)
+
+        free = [(name, at) for name, at in handles.items() if chosen or is_free(at)]
         return [(thing.path, name, at) for name, at in free] if thing is not None else []
 
     def sketch(self, points: Sequence[Point]) -> None:

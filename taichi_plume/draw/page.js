@@ -6,15 +6,33 @@ Bokeh.require("core/ui_gestures").UIGestures.press_threshold = 2 ** 31 - 1
 
 const act = (words) => { acts.value = `${words} ${Date.now()}` }
 
+// where the pointer was last: name of the view and position [m]
+let at = ""
+for (const plot of [above, side]) {
+  for (const kind of ["mousemove", "mouseenter"]) plot.on_event(kind, ({x, y}) => { at = `${plot.name} ${x} ${y}` })
+}
+const within = (event, model) => event.composedPath().includes(Bokeh.index.find_one(model)?.el)
+document.addEventListener("contextmenu", (event) => {
+  if (!within(event, above) && !within(event, side)) return
+  event.preventDefault()
+  act(`menu:${at} ${event.clientX} ${event.clientY}`)
+}, true)
+document.addEventListener("pointerdown", (event) => { if (!within(event, menu)) menu.visible = false }, true)
+
+const ARROWS = {arrowleft: "-1 0", arrowright: "1 0", arrowup: "0 1", arrowdown: "0 -1"}
+let moved = 0
 document.addEventListener("keydown", (event) => {
   const target = event.composedPath()[0]
-  const typing = ["INPUT", "TEXTAREA", "SELECT"].includes(target.tagName)
+  const typing = ["INPUT", "TEXTAREA", "SELECT"].includes(target.tagName) || target.role == "slider"
   const command = event.ctrlKey || event.metaKey
   const key = event.key.toLowerCase()
-  const name = command ? {z: event.shiftKey ? "redo" : "undo", y: "redo", d: "copy", s: "save"}[key]
-                       : {delete: "delete", backspace: "delete", escape: "escape"}[key]
+  const name = command ? {z: event.shiftKey ? "redo" : "undo", y: "redo", d: "copy", s: "save", c: "clip", v: `paste:${at}`, a: "all"}[key]
+    : key in ARROWS ? `move:${ARROWS[key]} ${event.shiftKey ? 10 : 1}`
+    : {delete: "delete", backspace: "delete", escape: "escape", "?": "help"}[key]
+  if (event.altKey || event.repeat && event.timeStamp - moved < 100) return
   if (name == null || (typing && !["save", "undo", "redo"].includes(name))) return
-  event.preventDefault()
+  moved = event.timeStamp
+  if (name != "clip") event.preventDefault()  // selected words are copied, too
   if (typing) target.dispatchEvent(new Event("change"))  // Bokeh takes an entry once its field is left
   act(name)
 })

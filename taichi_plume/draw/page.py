@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from html import escape
 from json import dumps
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +29,12 @@ from bokeh.themes import Theme
 from taichi_plume.draw import edits, first_steps
 from taichi_plume.draw.canvas import Canvas
 from taichi_plume.draw.checks import Findings, Remark
+from taichi_plume.draw.context_menu import ContextMenu
 from taichi_plume.draw.document import line_of
 from taichi_plume.draw.drafts import Draft
 from taichi_plume.draw.file_menu import FileMenu
 from taichi_plume.draw.form_panel import FormPanel
-from taichi_plume.draw.parts import Point
+from taichi_plume.draw.parts import Point, pair
 from taichi_plume.draw.pointer import Pointer
 from taichi_plume.draw.run_panel import RunPanel
 from taichi_plume.draw.time_bar import TimeBar
@@ -41,6 +43,7 @@ from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.yaml_text import LineError
 from taichi_plume.report.theme import ABOVE, SIDE
 
+FINEST = 0.01  # m: step of the arrow keys without a grid
 GAP = 30  # ms from one page that follows to the next, in which the server reads what users do
 ABOUT_NAME = "Another name saves the text as a new file"
 HERE = Path(__file__).parent
@@ -114,16 +117,16 @@ class Page:
 
     def _build(self) -> None:
         self.pointer = Pointer(self, self.sheet)
-        self.files = FileMenu(self)
+        self.files, self.menu = FileMenu(self), ContextMenu(self)
         self.name = TextInput(width=170, name="file", description=ABOUT_NAME)
         self.name.on_change("value", lambda _attr, _old, new: self._renamed(new))
         self.title = Div(css_classes=["faint"], sizing_mode="stretch_width", align="center")
         self.undo, self.redo = self._button("↶ Undo", self._undo, 80), self._button("↷ Redo", self._redo, 80)
         self.tools = [
-            self._button("Copy", self._copy, 60),
-            self._button("⟲ 15°", lambda: self._turn(15), 60),
-            self._button("⟳ 15°", lambda: self._turn(-15), 60),
-            self._button("Delete", self._delete, 70),
+            self._button("Copy", self.copy, 60),
+            self._button("⟲ 15°", lambda: self.turn(15), 60),
+            self._button("⟳ 15°", lambda: self.turn(-15), 60),
+            self._button("Delete", self.delete, 70),
         ]
         run = self._button("▶ Run", self._run, 90)
         run.update(button_type="success", name="run")
@@ -133,7 +136,7 @@ class Page:
         bar = row(
             self.files.button, self.name, self.title, self.undo, self.redo, *self.tools,
             row(Div(text="grid", align="center"), self.pointer.step),
-            self._button("Whole room", self._fit, 95), self._button("Save", lambda: self.save(), 60),
+            self._button("Whole room", self.fit, 95), self._button("Save", lambda: self.save(), 60),
             Div(text=links, align="center"), run,
             sizing_mode="stretch_width", css_classes=["bar"],
         )  # fmt: skip
@@ -183,14 +186,28 @@ class Page:
             "text": self.text,
             "editor": self.editor,
             "notes": self.notes,
+            "above": above,
+            "side": side,
+            "menu": self.menu.layout,
         }
         self.document.js_on_event(DocumentReady, CustomJS(args=models, code=SCRIPT))
         palette = column(
-            self.pointer.palette, self.pointer.file, css_classes=["scrolls"], sizing_mode="stretch_height"
+            self.pointer.palette.layout,
+            self.pointer.file,
+            css_classes=["scrolls"],
+            sizing_mode="stretch_height",
         )
         body = row(palette, views, self.tabs, sizing_mode="stretch_both")
         self.layout = column(
-            bar, body, self.acts, self.seen, self.notes, sizing_mode="stretch_both", stylesheets=[self.sheet]
+            bar,
+            body,
+            self.acts,
+            self.seen,
+            self.notes,
+            self.menu.layout,
+            self.menu.help,
+            sizing_mode="stretch_both",
+            stylesheets=[self.sheet],
         )
 
     def _button(self, label: str, work: Callable[[], Any], width: int) -> Button:
@@ -372,27 +389,36 @@ class Page:
         self.workplace.redo()
         self._catch_up()
 
-    def _copy(self) -> None:
+    def copy(self) -> None:
+        """Copy the selected objects beside themselves."""
         self.edit(lambda: edits.copy(self.workplace.text, self.selection, self.workplace.folder))
 
-    def _paste(self, at: Point | None = None) -> None:
+    def take_clip(self) -> None:
+        """Keep copies of the selected objects for `paste`."""
+        self.clip = edits.clip(self.scene, self.selection) or self.clip
+
+    def paste(self, at: Point | None = None) -> None:
+        """Add the kept copies, their middle at a point or, without one, beside the originals."""
         if self.clip:
             self.edit(lambda: edits.paste(self.workplace.text, self.clip, self.workplace.folder, at))
 
-    def _turn(self, degrees: float) -> None:
+    def turn(self, degrees: float) -> None:
+        """Turn the selected objects by an angle [degrees]."""
         self.edit(lambda: edits.turn(self.workplace.text, self.selection, degrees))
 
-    def _delete(self) -> None:
+    def delete(self) -> None:
+        """Delete the selected objects."""
         if self.scene.thing(self.chosen) is not None:
             # the path is then that of the next item, which a second Delete would remove
             self.edit(lambda: (edits.remove(self.workplace.text, self.selection), ""))
 
-    def _move(self, by: Point) -> None:
-        moves = edits.moves(self.scene, self.selection, ABOVE, by)
-        if moves:
-            self.edit(lambda: edits.move(self.workplace.text, self.scene, moves, ABOVE))
+    def select_all(self) -> None:
+        """Select all objects, but neither the room nor the arena."""
+        things = [thing for thing in self.scene.things if thing.part is not None]
+        self.select([thing.path for thing in things if thing.path not in ("domain", "arena")])
 
-    def _fit(self) -> None:
+    def fit(self) -> None:
+        """Show the whole room in both views."""
         for canvas in self.canvases.values():
             canvas.fit()
 
@@ -433,15 +459,38 @@ class Page:
         """Carry out what a key or a link of the page means."""
         name, _, path = words.partition(":")
         works: dict[str, Callable[[], Any]] = {
-            "undo": self._undo, "redo": self._redo, "copy": self._copy, "delete": self._delete, "save": self.save,
-            "escape": self._escape, "choose": lambda: self.choose(path), "draw": lambda: self.pointer.take(path),
-            "solid": self._show_solid,
+            "undo": self._undo, "redo": self._redo, "copy": self.copy, "delete": self.delete, "save": self.save,
+            "escape": self._escape, "choose": lambda: self.choose(path),
+            "draw": lambda: self.pointer.palette.take(path), "solid": self._show_solid,
+            "clip": self.take_clip, "paste": lambda: self._paste(path), "all": self.select_all,
+            "move": lambda: self._move(path), "help": self.menu.toggle_help, "menu": lambda: self._menu(path),
         }  # fmt: skip
         if name in works:
             works[name]()
 
+    def _paste(self, words: str) -> None:
+        """Paste at the pointer. words: name of the view of the pointer, x and y [m]."""
+        view, _, place = words.partition(" ")
+        self.paste(pair(at) if (at := _numbers(place, 2)) and view == "above" else None)
+
+    def _move(self, words: str) -> None:
+        """Move the selected objects. words: numbers of steps along x and y, and how many times."""
+        if numbers := _numbers(words, 3):
+            x, y, times = numbers
+            step = times * (self.pointer.pace or FINEST)
+            moves = edits.moves(self.scene, self.selection, ABOVE, (x * step, y * step))
+            self.edit(lambda: edits.move(self.workplace.text, self.scene, moves, ABOVE))
+
+    def _menu(self, words: str) -> None:
+        """Show the context menu. words: name of a view, x and y in it [m], left and top in the window [pixels]."""
+        view, _, place = words.partition(" ")
+        canvas = next((canvas for canvas in self.canvases.values() if canvas.figure.name == view), None)
+        if canvas is not None and (numbers := _numbers(place, 4)):
+            self.menu.show(canvas, pair(numbers), *numbers[2:])
+
     def _escape(self) -> None:
-        self.pointer.palette.active = 0
+        self.menu.layout.visible = self.menu.help.visible = False
+        self.pointer.cancel()
         self.choose("")
 
     def _tab(self, active: int) -> None:
@@ -492,3 +541,12 @@ class Page:
             canvas.show_run(sight, of, self.scene, f"run {self.runs.number}", self.runs.picture)
         if now != before:
             self._show_remarks()  # walkers, and what has changed, are drawn otherwise while a run is seen
+
+
+def _numbers(words: str, count: int) -> list[float]:
+    """Return numbers that the page's script sends; none if there are not as many, or if any is not finite."""
+    try:
+        numbers = [float(word) for word in words.split()]
+    except ValueError:
+        return []
+    return numbers if len(numbers) == count and all(map(isfinite, numbers)) else []

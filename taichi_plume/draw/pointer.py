@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from bokeh.events import DoubleTap, Pan, PanEnd, PanStart, Tap
-from bokeh.models import InlineStyleSheet, RadioButtonGroup, Select
+from bokeh.models import InlineStyleSheet, Select
 
 from taichi_plume.draw import edits
 from taichi_plume.draw.alignment import POINT, REACH, Guides, Line, snapped
 from taichi_plume.draw.canvas import Canvas, View
 from taichi_plume.draw.document import data_of
 from taichi_plume.draw.objects import preview
+from taichi_plume.draw.palette import SELECT, Palette
 from taichi_plume.draw.parts import Point, extent
 from taichi_plume.guard.yaml_text import LineError, read_text
 from taichi_plume.report.theme import ABOVE
@@ -57,10 +58,7 @@ class Pointer:
         self.points: list[Point] = []
         self.step = Select(options=list(STEPS), value="5 cm", width=80)
         self.file = Select(title="file", width=110, visible=False)
-        self.palette = RadioButtonGroup(
-            labels=["select", *edits.KINDS], active=0, orientation="vertical", width=110, stylesheets=[sheet]
-        )
-        self.palette.on_change("active", lambda _attr, _old, _new: self._tool_changed())
+        self.palette = Palette(sheet, lambda _: self._tool_changed())
         for canvas in page.canvases.values():
             self._listen(canvas)
 
@@ -83,19 +81,22 @@ class Pointer:
     @property
     def kind(self) -> str:
         """Kind of object that the pointer draws; "select" if it selects and moves."""
-        return ["select", *edits.KINDS][self.palette.active or 0]
+        return self.palette.kind
 
     @property
     def usage(self) -> str:
         """Use of the pointer in the views, as HTML."""
-        return escape(
-            edits.KINDS.get(self.kind, "Drag an object or its handles; drag the floor to move the view.")
+        if self.kind != SELECT:
+            return escape(edits.KINDS[self.kind])
+        count = len(self.page.selection)
+        if count > 1:
+            return f"{count} objects are selected: drag one, or press an arrow key, and all move."
+        if self.page.chosen == "domain":
+            return "Drag the squares on the walls: the room becomes larger or smaller."
+        return (
+            "<a href='#' data-act='help'>Keys</a> · Drag an object or its handles, the squares on the walls to "
+            "resize the room, the floor to move the view."
         )
-
-    def take(self, kind: str) -> None:
-        """Choose a kind of the palette."""
-        if kind in edits.KINDS:
-            self.palette.active = 1 + list(edits.KINDS).index(kind)
 
     def _tool_changed(self) -> None:
         self._forget()
@@ -120,7 +121,7 @@ class Pointer:
     def cancel(self) -> None:
         """Give up the drag or the object that is being drawn, and the tool of the palette."""
         self._forget()
-        self.palette.active = 0
+        self.palette.take(SELECT)
 
     @property
     def pace(self) -> float:
@@ -133,7 +134,7 @@ class Pointer:
         """Select the object at a point (shift, ctrl: one more or one less), or draw there (alt: beside the grid)."""
         page = self.page
         to = at if alt else snapped(at, self.pace)
-        if self.kind == "select":
+        if self.kind == SELECT:
             path = canvas.thing_at(page.scene, at) or ""
             if shift or ctrl:
                 if path:
@@ -163,7 +164,7 @@ class Pointer:
         )
         self._forget()
         if made and kind in ("mesh", "map", "arena"):
-            self.palette.active = 0
+            self.palette.take(SELECT)
 
     def start(
         self, canvas: Canvas, at: Point, shift: bool = False, ctrl: bool = False, alt: bool = False
@@ -174,7 +175,7 @@ class Pointer:
         """
         page, self.dragged = self.page, None
         scene, plane = page.scene, canvas.plane
-        if self.kind != "select":
+        if self.kind != SELECT:
             if plane == ABOVE:
                 guides = Guides(scene, plane)
                 a = at if alt else guides.snapped(at, self.pace, REACH * canvas.pixel())[0]
@@ -215,7 +216,7 @@ class Pointer:
         path, a = self.dragged.path, self.dragged.start
         if self.dragged.selects:
             canvas.sketch([a, (at[0], a[1]), at, (a[0], at[1]), a])
-        elif self.kind != "select":
+        elif self.kind != SELECT:
             b, lines = self._target(canvas, at, alt)
             line, text = edits.sketch(self.kind, a, b, self.page.scene.room)
             canvas.sketch(line)
@@ -274,12 +275,12 @@ class Pointer:
         page, dragged = self.page, self.dragged
         if dragged is None:
             return
-        to, _ = self._target(canvas, at, alt)
+        to = self._target(canvas, at, alt)[0]
         moves = self._moves(canvas, to) if dragged.path else []
         self._forget()
         if dragged.selects:
             page.select([*page.selection, *canvas.things_within(page.scene, dragged.start, at)])
-        elif self.kind != "select":
+        elif self.kind != SELECT:
             self._create([dragged.start, to])
         elif moves:
             page.edit(lambda: edits.move(page.workplace.text, page.scene, moves, canvas.plane))

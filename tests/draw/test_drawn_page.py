@@ -79,7 +79,7 @@ def drag(page, *way, plane=ABOVE):
 
 
 def use(page, kind):
-    page.pointer.palette.active = ["select", *edits.KINDS].index(kind)
+    page.pointer.palette.take(kind)
 
 
 def test_a_drawn_object_is_in_the_text_and_chosen(page):
@@ -604,9 +604,9 @@ def test_the_gas_of_a_run_is_said_to_belong_to_an_older_room(page):
     assert canvas.note.text == ""
     assert canvas.sources["earlier"].data["xs"] == []
     assert "ppm" in page.hint.text
-    page.pointer.palette.active = 1
+    use(page, "inlet")
     assert "ppm" not in page.hint.text, "the use of the tool"
-    page.pointer.palette.active = 0
+    use(page, "select")
     assert "ppm" in page.hint.text
     page.workplace.runs[0].process = None
     page._typed(page.workplace.text + "# more\n")
@@ -662,7 +662,7 @@ def live_through(folder, name, sequence):
             use(page, "select")
             drag(page, *rest) if kind == "drag" else page.pointer.tap(page.canvases[ABOVE], *rest)
         elif kind == "turn":
-            page._turn(*rest)
+            page.turn(*rest)
         elif kind == "type":
             page._typed(place.text + rest[0])
         else:
@@ -676,7 +676,8 @@ def live_through(folder, name, sequence):
     fresh.workplace.put(place.text)
     fresh.choose(page.chosen)
     page.choose(page.chosen)
-    page.pointer.palette.active = fresh.pointer.palette.active = 0
+    use(page, "select")
+    use(fresh, "select")
     assert views(page) == views(fresh)
 
 
