@@ -10,6 +10,7 @@ const act = (words) => { acts.value = `${words} ${Date.now()}` }
 let at = ""
 for (const plot of [above, side]) {
   for (const kind of ["mousemove", "mouseenter"]) plot.on_event(kind, ({x, y}) => { at = `${plot.name} ${x} ${y}` })
+  Bokeh.index.find_one(plot).canvas.events_el.style.touchAction = "none"  // a finger moves the view, not the page
 }
 const within = (event, model) => event.composedPath().includes(Bokeh.index.find_one(model)?.el)
 document.addEventListener("contextmenu", (event) => {

@@ -34,7 +34,7 @@ class Drag(NamedTuple):
     path, handle: of the dragged object; "" for the view, a new object or a rectangle that selects (`selects`).
     paths: of all objects that move with the dragged one; offset: from the start to the handle; guides: that attract the
     handle along `axes`; own: offsets from the handle to the edges and middles of the object (n, 2) [m]; view: at the
-    start, of a drag that moves the view.
+    start, of a drag that moves the view; last: where the pointer was last.
     """
 
     path: str
@@ -46,6 +46,7 @@ class Drag(NamedTuple):
     axes: Sequence[int] = (0, 1)
     own: np.ndarray = POINT
     view: View = ()
+    last: Point | None = None
     selects: bool = False
 
 
@@ -213,6 +214,7 @@ class Pointer:
         """Show what a drag to a point would do. by: pixels from its start; alt: neither grid nor guides attract."""
         if self.dragged is None:
             return
+        self.dragged = self.dragged._replace(last=at)
         path, a = self.dragged.path, self.dragged.start
         if self.dragged.selects:
             canvas.sketch([a, (at[0], a[1]), at, (a[0], at[1]), a])
@@ -275,6 +277,7 @@ class Pointer:
         page, dragged = self.page, self.dragged
         if dragged is None:
             return
+        at = dragged.last or at  # a browser that breaks off the drag of a finger gives a position of its own
         to = self._target(canvas, at, alt)[0]
         moves = self._moves(canvas, to) if dragged.path else []
         self._forget()

@@ -275,9 +275,7 @@ def test_keys_are_completed_and_undone_in_the_editor(visit, tmp_path):
     page.changed(lambda: page.page.keyboard.press("Enter"))
     page.until(lambda: "\nstop_early: \n" in page.yaml)
     page.changed(lambda: page.page.keyboard.press("Control+z"))
-    page.until(
-        lambda: page.page.locator(EDITOR).evaluate("it => it.env.editor.getValue()") == page.yaml
-    )
+    page.until(lambda: page.page.locator(EDITOR).evaluate("it => it.env.editor.getValue()") == page.yaml)
     page.tab("Remarks")
     assert page.errors == []
 
@@ -307,3 +305,78 @@ def test_the_room_is_seen_in_three_dimensions(visit, tmp_path):
     page.picture("s_solid")
     assert page.errors == []
     assert page.elsewhere == []
+
+
+def test_hands_use_keys_the_right_button_and_a_rectangle(visit, tmp_path):
+    (tmp_path / "s.yaml").write_text(ROOM)
+    page = visit("s.yaml")
+    mouse, keyboard = page.page.mouse, page.page.keyboard
+    keyboard.down("Shift")
+    page.drag((0.9, 0.2), (3.2, 2.6))
+    keyboard.up("Shift")
+    page.until(lambda: "3 objects" in page.text_of("hint"))
+    page.picture("h_selected")
+    page.changed(lambda: keyboard.press("Shift+ArrowRight"))
+    assert "center: [2, 2.1]" in page.yaml
+    assert "center: [3.25, 1.9]" in page.yaml
+    page.changed(lambda: keyboard.press("Control+z"))
+    assert page.yaml == ROOM
+    mouse.click(*page.at(2.75, 1.9))
+    page.page.wait_for_timeout(300)
+    keyboard.press("Control+c")
+    mouse.move(*page.at(1.0, 0.5))
+    page.page.wait_for_timeout(100)
+    page.changed(lambda: keyboard.press("Control+v"))
+    assert "center: [1, 0.5]" in page.yaml
+    mouse.click(*page.at(1.0, 0.5), button="right")
+    item = page.page.locator(".bk-btn").get_by_text("Delete", exact=True).last
+    item.wait_for(state="visible")
+    page.picture("h_menu")
+    page.changed(item.click)
+    assert page.yaml == ROOM
+    x, y = page.at(0.5, 0.3)
+    mouse.move(x, y)
+    mouse.down()
+    for n in range(1, 11):
+        mouse.move(x + 8 * n, y)
+        page.page.wait_for_timeout(20)
+    mouse.up()
+    page.page.wait_for_timeout(500)
+    assert page.at(0.5, 0.3)[0] - x == pytest.approx(80, abs=1), "the floor stays under the pointer"
+    keyboard.press("?")
+    page.page.get_by_text("paste at the pointer").wait_for()
+    assert page.errors == []
+    assert page.elsewhere == []
+
+
+def test_fingers_select_move_and_zoom(visit, chromium, tmp_path):
+    (tmp_path / "s.yaml").write_text(ROOM)
+    page = Browser(chromium.new_context(has_touch=True).new_page(), visit("s.yaml").served)
+    fingers = page.page.context.new_cdp_session(page.page)
+
+    def touch(kind, *points):
+        found = [{"x": x, "y": y, "id": n} for n, (x, y) in enumerate(points)]
+        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": found})
+        page.page.wait_for_timeout(30)
+
+    def slide(*ways):
+        touch("touchStart", *(a for a, _ in ways))
+        for n in range(1, 9):
+            touch(
+                "touchMove", *((a[0] + n / 8 * (b[0] - a[0]), a[1] + n / 8 * (b[1] - a[1])) for a, b in ways)
+            )
+        touch("touchEnd")
+        page.page.wait_for_timeout(500)
+
+    page.page.touchscreen.tap(*page.at(2.75, 1.9))
+    page.until(lambda: page.text_of("sections") == "obstacles[2]")
+    page.changed(lambda: slide((page.at(2.75, 1.9), page.at(2.5, 1.4))))
+    assert "center: [2.5, 1.4]" in page.yaml
+    floor = page.at(0.5, 0.5)
+    slide((floor, (floor[0] + 80, floor[1])))
+    assert page.at(0.5, 0.5)[0] - floor[0] == pytest.approx(80, abs=1)
+    before = page.at(3, 1)[0] - page.at(1, 1)[0]
+    (x, y), (x2, _) = page.at(1.5, 1.5), page.at(2.1, 1.5)
+    slide(((x, y), (x - 60, y)), ((x2, y), (x2 + 60, y)))
+    assert page.at(3, 1)[0] - page.at(1, 1)[0] > 1.2 * before
+    assert page.errors == []
