@@ -52,21 +52,21 @@ robots: []
 
 def with_values(text: str, path: str, values: Values) -> str:
     """Return the text with new values [SI] of keys of a section, each spelled as the old one where it changed."""
-    for key, new in values.items():
-        whole = f"{path}.{key}"
-        old = value_at(data_of(text), whole)
-        for where, value in differences(whole, old, new):
+    return _with_values(text, {f"{path}.{key}": new for key, new in values.items()})
+
+
+def _with_values(text: str, values: Values) -> str:
+    """Return the text with new values [SI] at paths."""
+    data = data_of(text)
+    for path, new in values.items():
+        for where, value in differences(path, value_at(data, path), new):
             text = set_value(text, where, value)
     return text
 
 
 def move_handle(text: str, of: Scene, path: str, handle: str, plane: Plane, to: Point) -> str:
     """Return the text once a handle of an object has been dragged to a point of a plane. of: the text's objects."""
-    thing = of.thing(path)
-    if thing is None or handle not in thing.handles(plane):
-        raise EditError(f"{path or 'the scenario'}: has no handle '{handle}' there")
-    assert thing.part is not None
-    return with_values(text, path + thing.part.within, thing.part.moved(handle, plane, to))
+    return move(text, of, [(path, handle, to)], plane)
 
 
 Move = tuple[str, str, Point]
@@ -82,9 +82,15 @@ def moves(of: Scene, paths: Sequence[str], plane: Plane, by: Point) -> list[Move
 
 def move(text: str, of: Scene, moves: Sequence[Move], plane: Plane) -> str:
     """Return the text once handles of objects have been moved; see `moves`."""
+    values: Values = {}
     for path, handle, to in moves:
-        text = move_handle(text, of, path, handle, plane, to)
-    return text
+        thing = of.thing(path)
+        if thing is None or handle not in thing.handles(plane):
+            raise EditError(f"{path or 'the scenario'}: has no handle '{handle}' there")
+        assert thing.part is not None
+        section = path + thing.part.within
+        values |= {f"{section}.{key}": new for key, new in thing.part.moved(handle, plane, to).items()}
+    return _with_values(text, values)
 
 
 def turn(text: str, paths: Sequence[str], by: float) -> str:
