@@ -642,7 +642,7 @@ moves = st.lists(
         st.tuples(st.just("draw"), st.sampled_from(sorted(DRAGS)), points, points),
         st.tuples(st.just("drag"), points, points),
         st.tuples(st.just("tap"), points),
-        st.tuples(st.sampled_from(["_undo", "_redo", "_copy", "_delete", "_escape"])),
+        st.tuples(st.sampled_from(["_undo", "_redo", "copy", "delete", "_escape", "select_all", "take_clip", "paste"])),
         st.tuples(st.just("turn"), st.sampled_from([15, -15])),
         st.tuples(st.just("type"), st.sampled_from(["# note\n", "robots: [", ""])),
     ),
