@@ -6,14 +6,22 @@ Bokeh.require("core/ui_gestures").UIGestures.press_threshold = 2 ** 31 - 1
 
 const act = (words) => { acts.value = `${words} ${Date.now()}` }
 
+let edited = null  // field with an entry that has not been taken yet: there the browser undoes the typing
+document.addEventListener("input", (event) => {
+  const [target] = event.composedPath()
+  edited = target.type == "text" ? target : null
+})
+document.addEventListener("focusin", () => { edited = null })
+
 document.addEventListener("keydown", (event) => {
   const target = event.composedPath()[0]
+  if (event.key == "Enter") edited = null
   const typing = ["INPUT", "TEXTAREA", "SELECT"].includes(target.tagName)
   const command = event.ctrlKey || event.metaKey
   const key = event.key.toLowerCase()
   const name = command ? {z: event.shiftKey ? "redo" : "undo", y: "redo", d: "copy", s: "save"}[key]
                        : {delete: "delete", backspace: "delete", escape: "escape"}[key]
-  if (name == null || (typing && !["save", "undo", "redo"].includes(name))) return
+  if (name == null || (typing && name != "save" && (target == edited || !["undo", "redo"].includes(name)))) return
   event.preventDefault()
   if (typing) target.dispatchEvent(new Event("change"))  // Bokeh takes an entry once its field is left
   act(name)

@@ -275,9 +275,7 @@ def test_keys_are_completed_and_undone_in_the_editor(visit, tmp_path):
     page.changed(lambda: page.page.keyboard.press("Enter"))
     page.until(lambda: "\nstop_early: \n" in page.yaml)
     page.changed(lambda: page.page.keyboard.press("Control+z"))
-    page.until(
-        lambda: page.page.locator(EDITOR).evaluate("it => it.env.editor.getValue()") == page.yaml
-    )
+    page.until(lambda: page.page.locator(EDITOR).evaluate("it => it.env.editor.getValue()") == page.yaml)
     page.tab("Remarks")
     assert page.errors == []
 
@@ -307,3 +305,37 @@ def test_the_room_is_seen_in_three_dimensions(visit, tmp_path):
     page.picture("s_solid")
     assert page.errors == []
     assert page.elsewhere == []
+
+
+def test_a_form_is_filled_in_by_keyboard_and_ctrl_z_undoes_the_room_in_its_fields(visit, tmp_path):
+    (tmp_path / "casting_room.yaml").write_text(ROOM)
+    page = visit("casting_room.yaml")
+    page.click(1.5, 2.1)
+    fields = page.page.locator(".bk-input-container input:visible")
+    page.until(lambda: "cylinder" in page.page.locator("select:visible").nth(1).input_value())
+    values = [field.input_value() for field in fields.all()]
+    radius = fields.nth(values.index("0.15"))
+    radius.fill("-1")
+    radius.press("Enter")
+    page.until(lambda: radius.input_value() == "0.15")
+    assert page.page.get_by_text("at least 1e-06 m").is_visible()
+    assert page.yaml == ROOM
+    page.picture("f_refused")
+    radius.fill("25 cm")
+    page.changed(lambda: radius.press("Enter"))
+    assert page.yaml == ROOM.replace("radius: 0.15", "radius: 25 cm")
+    assert radius.input_value() == "25", "the unit is beside it"
+    radius.press("7")
+    radius.press("Control+z")
+    assert page.yaml == ROOM.replace("radius: 0.15", "radius: 25 cm"), "the browser undoes what was typed"
+    radius.press("Tab")
+    page.changed(lambda: page.page.keyboard.press("Control+z"))
+    assert page.yaml == ROOM
+    radius.fill("0.3")
+    page.click(2.75, 1.9)
+    page.until(lambda: page.text_of("sections") == "obstacles[2]")
+    assert page.yaml == ROOM.replace("radius: 0.15", "radius: 0.3"), (
+        "an entry is that of the object it was made for"
+    )
+    page.picture("g_box")
+    assert page.errors == []
