@@ -16,12 +16,11 @@ from taichi_plume.draw.forms import Key, Row
 from taichi_plume.draw.objects import Scene
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.yaml_text import LineError
-from taichi_plume.report import theme
 
 if TYPE_CHECKING:
     from taichi_plume.draw.page import Page
 
-WIDTH, LABEL, UNIT, RESET = 410, 148, 28, 28  # pixels
+WIDE: Any = {"sizing_mode": "stretch_width"}
 MANY = 8  # keys that are always shown
 FOLD = 3  # keys at least that are folded
 MOST_FORMS = 12  # that are kept
@@ -33,24 +32,6 @@ OFTEN = {
     "threshold_ppm", "max_speed", "range_ppm",
 }  # fmt: skip
 """Keys that scenarios often give, of all sections."""
-FORM_STYLE = """
-:host { font-family: Helvetica, Arial, sans-serif; font-size: 13px; }
-.bk-input { min-height: 24px; height: 26px; padding: 2px 6px; font-size: 13px; }
-.bk-input::placeholder { color: #7b8794; font-style: italic; }
-.bk-input-container > .bk-input-suffix, .bk-input-container > .bk-input-prefix {
-  padding: 0 5px; color: #5d6875; background: #f2f4f6; font-size: 12px;
-}
-.bk-input-group > label { color: #1d2733; font-size: 12px; margin: 0; overflow-wrap: anywhere; }
-.bk-btn { padding: 3px 6px; }
-:host(.first) .bk-input-group { display: grid; grid-template-columns: 148px minmax(0, 1fr); align-items: center; }
-:host(.default) select, :host(.default) .bk-label { color: #7b8794; font-style: italic; }
-.about { display: inline-block; width: 15px; height: 15px; line-height: 15px; border-radius: 50%; text-align: center;
-  border: 1px solid #1d2733; font-size: 11px; font-weight: bold; cursor: help; margin-left: 4px; }
-.key { font-size: 12px; color: #1d2733; }
-.summary { white-space: nowrap; overflow: hidden; text-overflow: ellipsis; max-width: 142px; }
-:host(.default) .summary { color: #7b8794; font-style: italic; }
-"""
-GREY, WRONG, GONE = "#5d6875", "#c62828", "#8a5a00"
 
 
 class Line:
@@ -60,78 +41,65 @@ class Line:
         self.panel, self.row = panel, row
         about = row.about
         self.fields = self._fields(row)
-        parts = [*([_label(about)] if row.field in ("switch", "section") else []), *self.fields]
+        words = f"{escape(about.name)}<span title='{escape(about.meaning)}'>?</span>"
+        parts = [Div(text=words, css_classes=["key"], margin=0), *self.fields]
         self.slider = None
         if row.field == "number" and about.slider is not None:
             low, high, step = about.slider
             self.slider = Slider(
                 start=low, end=high, step=step, value=low, show_value=False, title="", format="0[.]000",
-                width=118, height=22, margin=(6, 8, 0, 8), name=f"slider {about.name}",
+                margin=(4, 10), name=f"slider {about.name}", **WIDE,
             )  # fmt: skip
             self.slider.on_change("value_throttled", lambda _attr, _old, new: panel.slid(self, new))
             parts.append(self.slider)
         if row.field == "section" or (about.is_section and row.field == "choice"):
-            button = Button(label="open ›", width=60, stylesheets=[FORM_STYLE], margin=(1, 2, 1, 4))
+            button = Button(label="open ›", margin=0)
             button.on_click(lambda: panel.page.choose(self.row.path))
             parts.append(button)
-        self.reset = Button(
-            label="↺", width=RESET, stylesheets=[FORM_STYLE], margin=(1, 2, 1, 2), name=f"reset {about.name}"
-        )
+        self.reset = Button(label="↺", margin=0, css_classes=["reset"], name=f"reset {about.name}")
         self.reset.on_click(lambda: panel.entered(self, ""))
-        self.note = Div(width=WIDTH - 20, margin=(0, 4, 4, 8))
-        self.layout = side_by_side([*parts, self.reset], styles={"flex-wrap": "wrap"})
+        self.note = Div(css_classes=["note"], margin=0)
+        self.layout = side_by_side([*parts, self.reset], css_classes=["key-line"], **WIDE)
 
     def _fields(self, row: Row) -> list[Any]:
-        about = row.about
-        common: dict[str, Any] = {"stylesheets": [FORM_STYLE], "margin": (1, 2, 1, 2)}
-        first: dict[str, Any] = {
-            "title": about.name, "description": about.meaning, "css_classes": ["first"], "name": f"form {about.name}",
-        } | common  # fmt: skip
-        wide = WIDTH - RESET - 20
+        about, entered = row.about, self.panel.entered
+        common: dict[str, Any] = {"margin": 0, "name": f"form {about.name}", "css_classes": ["field"]} | WIDE
+        if row.field == "section":
+            return [Div(**common)]
         if row.field == "switch":
-            common["margin"] = (5, 2, 1, 2)
-            box = Checkbox(width=wide - LABEL - 4, name=f"form {about.name}", **common)
-            box.on_change("active", lambda _attr, _old, new: self.panel.entered(self, str(new).lower()))
+            box = Checkbox(**common)
+            box.on_change("active", lambda _attr, _old, new: entered(self, str(new).lower()))
             return [box]
         if row.field in ("choice", "list"):
-            widget = Select(width=wide - 66 * (about.is_section and row.field == "choice"), **first)
-            work = self.panel.entered if row.field == "choice" else self.panel.opened
+            widget = Select(title=about.name, **common)
+            work = entered if row.field == "choice" else self.panel.opened
             widget.on_change("value", lambda _attr, _old, new: work(self, new))
             return [widget]
-        if row.field == "section":
-            return [Div(width=wide - LABEL - 70, stylesheets=[FORM_STYLE], margin=(5, 2, 1, 2))]
         if row.field == "point":
-            last = len(row.axes) - 1
-            narrow = (wide - LABEL - UNIT) // len(row.axes) - 4
-            widths = [narrow + LABEL * (n == 0) + UNIT * (n == last) for n in range(last + 1)]
-            fields = [
-                TextInput(prefix=axis, width=width, **(common if n else first))
-                for n, (axis, width) in enumerate(zip(row.axes, widths, strict=True))
-            ]
-            for n, widget in enumerate(fields):
-                widget.on_change("value", lambda _attr, _old, new, n=n: self.panel.entered(self, new, n))
+            fields = [TextInput(title=f"{about.name} {axis}", prefix=axis, **common) for axis in row.axes]
+            for n, field in enumerate(fields):
+                field.on_change("value", lambda _attr, _old, new, n=n: entered(self, new, n))
             return fields
-        widget = TextInput(width=wide - 134 if about.slider and row.field == "number" else wide, **first)
-        widget.on_change("value", lambda _attr, _old, new: self.panel.entered(self, new))
+        widget = TextInput(title=about.name, **common)
+        widget.on_change("value", lambda _attr, _old, new: entered(self, new))
         return [widget]
 
     def show(self, row: Row, of: Scene, note: tuple[str, str] | None) -> None:
-        """Show a key: what the text gives, else its default in grey; note: words below it and their colour."""
+        """Show a key: what the text gives, else its default in grey; note: words below it and their class."""
         half_given = row.path == self.row.path and row.field == "point" and row.given is None
         self.row = row
         about, widget = row.about, self.fields[0]
-        self.reset.visible = bool(row.value) and bool(about.default)
+        self.reset.disabled = not row.value or not about.default
         default = about.default or "has to be given"
         if row.field == "switch":
             widget.active = row.given if row.value else about.default == "true"
-            widget.update(label="" if row.value else "default", css_classes=[] if row.value else ["default"])
+            widget.label = "" if row.value else "default"
         elif row.field == "choice":
             absent = f"{about.default} (default)" if about.default else "choose …"
             extra = [row.value] if row.value and row.value not in about.choices else []
             names = [(name, name) for name in (*about.choices, *extra)]
             keep = row.value and not about.default
             widget.update(options=names if keep else [("", absent), *names], value=row.value)
-            widget.css_classes = ["first"] if row.value else ["first", "default"]
         elif row.field == "list":
             items = [(f"{row.path}[{n}]", item) for n, item in enumerate(row.given or ())]
             things = {thing.path: thing.name for thing in of.things}
@@ -143,8 +111,7 @@ class Line:
             widget.update(options=[("", count), *named, (ANOTHER, "+ a copy of the last one")], value="")
         elif row.field == "section":
             words = forms.summary(row.given) if row.value else default
-            widget.text = f"<div class='summary' title='{escape(words)}'>{escape(words)}</div>"
-            widget.css_classes = [] if row.value else ["default"]
+            widget.text = f"<span title='{escape(words)}'>{escape(words)}</span>"
         elif row.field == "text":
             _set(widget, row.value, default)
         else:
@@ -153,21 +120,16 @@ class Line:
                 _set(field, field.value if half_given else number, absent)
                 is_shown = field is self.fields[-1] or unit != about.unit
                 field.suffix = unit if is_shown and unit else None
+        if row.field in ("switch", "choice", "section"):
+            widget.css_classes = ["field"] if row.value else ["field", "default"]
         if self.slider is not None:
             position = row.position
             self.slider.value = self.slider.start if position is None else position
         if note is not None:
-            self.note.text = f"<span style='color:{note[1]}'>{escape(note[0])}</span>"
+            self.note.update(text=escape(note[0]), css_classes=["note", note[1]])
         if (note is not None) != (self.note in self.layout.children):
             parts = [part for part in self.layout.children if part is not self.note]
             self.layout.children = [*parts, self.note] if note is not None else parts
-
-
-def _label(about: Key) -> Div:
-    words = f"{escape(about.name)}<span class='about' title='{escape(about.meaning)}'>?</span>"
-    return Div(
-        text=words, css_classes=["key"], width=LABEL - 4, stylesheets=[FORM_STYLE], margin=(5, 2, 1, 2)
-    )
 
 
 def _set(field: TextInput, value: str, placeholder: str) -> None:
@@ -200,20 +162,20 @@ class FormPanel:
         self.lines: dict[str, Line] = {}
         self._forms: dict[frozenset[Key], Form] = {}  # the last one is shown
         self._note: tuple[str, str, str, str] | None = (
-            None  # path, words, colour, and the text that they are about
+            None  # path, words, class, and the text that they are about
         )
         self._setting = False
-        self.sections = Select(width=WIDTH - 80, name="sections", stylesheets=[FORM_STYLE])
+        self.sections = Select(**WIDE, name="sections")
         self.sections.on_change("value", lambda _attr, _old, new: None if self._setting else page.choose(new))
-        self.back = Button(label="‹ back", width=60, stylesheets=[FORM_STYLE])
+        self.back = Button(label="‹ back", width=60)
         self.back.on_click(self._go_back)
-        self.purpose = Div(width=WIDTH)
-        self.rows = column(width=WIDTH)
-        self.more = Button(width=WIDTH - 20, stylesheets=[FORM_STYLE], name="more keys")
+        self.purpose = Div(**WIDE)
+        self.rows = column(**WIDE)
+        self.more = Button(**WIDE, name="more keys")
         self.more.on_click(self._unfold)
         self.layout = column(
-            side_by_side(self.back, self.sections), self.purpose, self.rows, self.more,
-            sizing_mode="stretch_height", styles={"overflow-y": "auto", "height": "100%"},
+            side_by_side(self.back, self.sections, **WIDE), self.purpose, self.rows, self.more,
+            sizing_mode="stretch_height", css_classes=["scrolls"], styles={"height": "100%"},
         )  # fmt: skip
 
     def exists(self, data: Any, path: str) -> bool:
@@ -238,10 +200,10 @@ class FormPanel:
             self.sections.update(options=options, value=path)
             about = [remark for remark in remarks if _within(remark.path, path)] if path else []
             words = "".join(
-                f"<p style='color:{WRONG if remark.is_error else theme.UNLIKELY}'>{escape(of.named(remark.line))}</p>"
+                f"<p class='{'bad' if remark.is_error else 'odd'}'>{escape(of.named(remark.line))}</p>"
                 for remark in about
             )
-            self.purpose.text = f"<p style='color:{GREY}'>{escape(forms.title(of.data, path))}</p>{words}"
+            self.purpose.text = f"<p class='faint'>{escape(forms.title(of.data, path))}</p>{words}"
             self.back.visible = bool(path)
             self._show_rows(of, path, found)
         finally:
@@ -250,7 +212,7 @@ class FormPanel:
     def _show_rows(self, of: Scene, path: str, found: Sequence[Row]) -> None:
         by_key = {row.key: row for row in found}
         kind = frozenset(row.about for row in found)
-        form = self._forms.pop(kind, None) or Form(column(width=WIDTH), {}, {})
+        form = self._forms.pop(kind, None) or Form(column(**WIDE), {}, {})
         self._forms[kind] = form
         self._forms = dict([*self._forms.items()][-MOST_FORMS:])
         usual = [row.key for row in found if row.value or not row.about.default or row.key in OFTEN]
@@ -298,7 +260,7 @@ class FormPanel:
             given = [field.value.strip() for field in line.fields]
             missing = [axis for axis, part in zip(row.axes[: row.least], given, strict=False) if not part]
             if missing:
-                return self._say(line, f"{row.key}: {' and '.join(missing)} must be given too", GREY, text)
+                return self._say(line, f"{row.key}: {' and '.join(missing)} must be given too", "faint", text)
             path, entry = row.path, f"[{', '.join(filter(None, given))}]"
         try:
             data = data_of(text)
@@ -307,10 +269,10 @@ class FormPanel:
             words = fault.lines[0] if isinstance(fault, InputError) else str(fault)
             start = parent_of(row.path)[0]
             words = f"refused: {words.removeprefix(f'{start}.' if start else '')}"
-            return self._say(line, words, WRONG, text)
+            return self._say(line, words, "bad", text)
         gone = forms.lost(data, parent_of(path)[0], entry) if row.key == "kind" and number is None else []
         words = f"went: {', '.join(gone)}; undo returns {'them' if len(gone) > 1 else 'it'}" if gone else ""
-        self._say(line, words, GONE, new)
+        self._say(line, words, "odd", new)
         self.page.put(new)
         self._restore(line)
         return None
@@ -332,9 +294,9 @@ class FormPanel:
         else:
             self.page.choose(path)
 
-    def _say(self, line: Line, words: str, color: str, text: str) -> None:
+    def _say(self, line: Line, words: str, style: str, text: str) -> None:
         """Show words below a key while the text is this one; the key shows what the text gives."""
-        self._note = (line.row.path, words, color, text) if words else None
+        self._note = (line.row.path, words, style, text) if words else None
         for other in self.lines.values():
             if other is line or other.note in other.layout.children:
                 self._restore(other)

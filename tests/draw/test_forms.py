@@ -159,15 +159,15 @@ def test_a_default_is_grey_and_returned_to(page):
     page.choose("robots[0].algorithm")
     page.form._unfold()
     line = page.form.lines["robots[0].algorithm.peak_fraction"]
-    assert (line.fields[0].value, line.fields[0].placeholder, line.reset.visible) == ("", "0.7", False)
+    assert (line.fields[0].value, line.fields[0].placeholder, line.reset.disabled) == ("", "0.7", True)
     line.fields[0].value = "0.5"
-    assert line.reset.visible
+    assert not line.reset.disabled
     page.form.entered(line, "")
     assert page.workplace.text == ROOM
     needed = page.form.lines["robots[0].algorithm.kind"]
-    assert not needed.reset.visible
+    assert needed.reset.disabled
     page.choose("obstacles[0]")
-    assert not page.form.lines["obstacles[0].radius"].reset.visible
+    assert page.form.lines["obstacles[0].radius"].reset.disabled
 
 
 def test_a_change_of_kind_says_which_keys_went(page):
