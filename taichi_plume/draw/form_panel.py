@@ -77,6 +77,7 @@ class Line:
             return [widget]
         if row.field == "point":
             fields = [TextInput(title=f"{about.name} {axis}", prefix=axis, **common) for axis in row.axes]
+            fields[-1].css_classes = ["field", "last"]
             for n, field in enumerate(fields):
                 field.on_change("value", lambda _attr, _old, new, n=n: entered(self, new, n))
             return fields
