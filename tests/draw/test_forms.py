@@ -6,9 +6,11 @@ pytest.importorskip("bokeh", reason="the extra draw is not installed")
 
 from test_document import ROOT
 from test_drawn_page import ROOM, opened
+from test_edits import every
 
 from taichi_plume.draw import forms
 from taichi_plume.draw.document import EditError, data_of, value_at
+from taichi_plume.scenario.loading import read_scenario
 
 HALL = (ROOT / "configs/arena_3d.yaml").read_text()
 
@@ -42,6 +44,22 @@ def page(tmp_path):
 def test_an_entry_changes_its_own_characters_alone(path, entry, old, new):
     assert ROOM.count(old) == 1
     assert entered(path, entry) == ROOM.replace(old, new)
+
+
+@pytest.mark.parametrize("name", ["casting_room", "arena_3d", "moving_obstacle"])
+def test_what_a_form_shows_is_what_the_text_has(name):
+    text = (ROOT / f"configs/{name}.yaml").read_text()
+    shown = 0
+    for path, _ in every(read_scenario(ROOT / f"configs/{name}.yaml")):
+        for row in by_key(path, text).values():
+            if row.field in ("number", "point") and row.value:
+                for n, (number, _unit) in enumerate(row.numbers):
+                    place = f"{row.path}[{n}]" if row.field == "point" else row.path
+                    assert entered(place, number, text) == text, place
+                    shown += 1
+            elif row.field in ("choice", "switch", "text") and row.value:
+                assert entered(row.path, row.value, text) == text, row.path
+    assert shown > 15
 
 
 @pytest.mark.parametrize(
