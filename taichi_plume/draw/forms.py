@@ -191,7 +191,7 @@ def _key(model: type[Model], name: str) -> Key:
     elif kind in NUMBERS:
         field = "number"
     elif kind == "true or false":
-        field = "switch"
+        field, choices = "switch", ("true", "false")
     elif across is not None and "formula" not in kind:
         field = "point"
     elif number is not None or (model is Domain and name == "size"):
