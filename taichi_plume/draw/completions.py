@@ -44,7 +44,7 @@ def completions(text: str, index: int) -> list[Completion]:
 
 def _keys(data: Any, section: str) -> list[Completion]:
     return [
-        Completion(f"{row.key}: ", row.unit, first_sentence(row.meaning))
+        Completion(f"{row.key}: ", row.about.unit, first_sentence(row.meaning))
         for row in rows(data, section)
         if not row.value
     ]
@@ -54,8 +54,8 @@ def _values(data: Any, path: str) -> list[Completion]:
     section, key = parent_of(path)
     if key == "kind" and (kinds := kinds_at(data, section)):
         return [Completion(name, "", first_sentence(purpose(model))) for name, model in kinds.items()]
-    choices = [(row, name) for row in rows(data, section) if row.key == key for name in row.choices]
-    return [Completion(name, row.unit, first_sentence(row.meaning)) for row, name in choices]
+    choices = [(row, name) for row in rows(data, section) if row.key == key for name in row.about.choices]
+    return [Completion(name, row.about.unit, first_sentence(row.meaning)) for row, name in choices]
 
 
 def _closing(before: str) -> str:

@@ -20,10 +20,18 @@ document.addEventListener("contextmenu", (event) => {
 }, true)
 document.addEventListener("pointerdown", (event) => { if (!within(event, menu)) menu.visible = false }, true)
 
+let edited = null  // field with an entry that has not been taken yet: there the browser undoes the typing
+document.addEventListener("input", (event) => {
+  const [target] = event.composedPath()
+  edited = target.type == "text" ? target : null
+})
+document.addEventListener("focusin", () => { edited = null })
+
 const ARROWS = {arrowleft: "-1 0", arrowright: "1 0", arrowup: "0 1", arrowdown: "0 -1"}
 let moved = 0
 document.addEventListener("keydown", (event) => {
   const target = event.composedPath()[0]
+  if (event.key == "Enter") edited = null
   const typing = ["INPUT", "TEXTAREA", "SELECT"].includes(target.tagName) || target.role == "slider"
   const command = event.ctrlKey || event.metaKey
   const key = event.key.toLowerCase()
@@ -31,7 +39,7 @@ document.addEventListener("keydown", (event) => {
     : key in ARROWS ? `move:${ARROWS[key]} ${event.shiftKey ? 10 : 1}`
     : {delete: "delete", backspace: "delete", escape: "escape", "?": "help"}[key]
   if (event.altKey || event.repeat && event.timeStamp - moved < 100) return
-  if (name == null || (typing && !["save", "undo", "redo"].includes(name))) return
+  if (name == null || (typing && name != "save" && (target == edited || !["undo", "redo"].includes(name)))) return
   moved = event.timeStamp
   if (name != "clip") event.preventDefault()  // selected words are copied, too
   if (typing) target.dispatchEvent(new Event("change"))  // Bokeh takes an entry once its field is left

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from math import inf
+from math import inf, isfinite
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt
@@ -66,6 +66,14 @@ def quantity_unit(model: type[Model], key: str) -> str:
     whole = _whole(model.model_fields[key])
     units = {_limits(marks)[0] for _, marks in _numbers(whole)}
     return units.pop() if len(units) == 1 and "quantit" in _type(whole) else ""
+
+
+@cache
+def limits(model: type[Model], key: str) -> tuple[float, float] | None:
+    """Return the smallest and largest number of a key, in its unit; None if it takes no number, or has no limits."""
+    found = {_bounds(marks)[3:] for _, marks in _numbers(_whole(model.model_fields[key]))}
+    low, high = found.pop() if len(found) == 1 else (-inf, inf)
+    return (low, high) if isfinite(low) and isfinite(high) else None
 
 
 @cache
@@ -144,6 +152,14 @@ def _numbers(kind: object, marks: tuple = ()) -> Iterator[tuple[object, tuple]]:
 
 def _limits(marks: tuple) -> tuple[str, str]:
     """Return the unit and the limits, such as "0 to 10", of a number with these annotations; "" if there is none."""
+    unit, zero, below, low, high = _bounds(marks)
+    if low == -inf:
+        return unit, ""
+    return unit, f"{'0, or ' * zero}{_shown(low)} to {below}{_shown(high)}"
+
+
+def _bounds(marks: tuple) -> tuple[str, bool, str, float, float]:
+    """Return unit, whether 0 is allowed besides, "below " if the upper limit is excluded, and both limits."""
     unit, zero, below, lows, highs = "", False, "", [-inf], [inf]
     for mark in marks:
         if isinstance(mark, Quantity):
@@ -156,10 +172,7 @@ def _limits(marks: tuple) -> tuple[str, str]:
             elif isinstance(limit, Le | Lt):
                 highs.append(float(limit.le if isinstance(limit, Le) else limit.lt))  # type: ignore[arg-type]
                 below = "below " if isinstance(limit, Lt) else below
-    low, high = max(lows), min(highs)
-    if low == -inf:
-        return unit, ""
-    return unit, f"{'0, or ' * zero}{_shown(low)} to {below}{_shown(high)}"
+    return unit, zero, below, max(lows), min(highs)
 
 
 def _shown(value: float) -> str:

@@ -379,4 +379,37 @@ def test_fingers_select_move_and_zoom(visit, chromium, tmp_path):
     (x, y), (x2, _) = page.at(1.5, 1.5), page.at(2.1, 1.5)
     slide(((x, y), (x - 60, y)), ((x2, y), (x2 + 60, y)))
     assert page.at(3, 1)[0] - page.at(1, 1)[0] > 1.2 * before
+
+
+def test_a_form_is_filled_in_by_keyboard_and_ctrl_z_undoes_the_room_in_its_fields(visit, tmp_path):
+    (tmp_path / "casting_room.yaml").write_text(ROOM)
+    page = visit("casting_room.yaml")
+    page.click(1.5, 2.1)
+    fields = page.page.locator(".bk-input-container input:visible")
+    page.until(lambda: "cylinder" in page.page.locator("select:visible").nth(1).input_value())
+    values = [field.input_value() for field in fields.all()]
+    radius = fields.nth(values.index("0.15"))
+    radius.fill("-1")
+    radius.press("Enter")
+    page.until(lambda: radius.input_value() == "0.15")
+    assert page.page.get_by_text("at least 1e-06 m").is_visible()
+    assert page.yaml == ROOM
+    page.picture("f_refused")
+    radius.fill("25 cm")
+    page.changed(lambda: radius.press("Enter"))
+    assert page.yaml == ROOM.replace("radius: 0.15", "radius: 25 cm")
+    assert radius.input_value() == "25", "the unit is beside it"
+    radius.press("7")
+    radius.press("Control+z")
+    assert page.yaml == ROOM.replace("radius: 0.15", "radius: 25 cm"), "the browser undoes what was typed"
+    radius.press("Tab")
+    page.changed(lambda: page.page.keyboard.press("Control+z"))
+    assert page.yaml == ROOM
+    radius.fill("0.3")
+    page.click(2.75, 1.9)
+    page.until(lambda: page.text_of("sections") == "obstacles[2]")
+    assert page.yaml == ROOM.replace("radius: 0.15", "radius: 0.3"), (
+        "an entry is that of the object it was made for"
+    )
+    page.picture("g_box")
     assert page.errors == []

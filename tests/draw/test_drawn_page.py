@@ -129,7 +129,7 @@ def test_typing_moves_the_drawing_and_the_form(page):
     page.choose("obstacles[0]")
     page.text.value_input = ROOM.replace("center: [1.5, 2.1]", "center: [1.0, 2.0]")
     assert page.scene.thing("obstacles[0]").place() == (1.0, 2.0)
-    assert page.form.widgets["obstacles[0].center"].value == "[1.0, 2.0]"
+    assert [page.form.widgets[f"obstacles[0].center[{n}]"].value for n in (0, 1)] == ["1.0", "2.0"]
     assert page.workplace.text == page.text.value_input
     page._undo()
     assert page.text.value_input == ROOM, "undo takes back what was typed"
@@ -143,7 +143,6 @@ def test_the_form_changes_the_text(page):
     assert "{kind: sphere, center: [1.5, 2.1], radius: 25 cm}" in page.workplace.text
     page.form.widgets["obstacles[0].radius"].value = "[1, "
     assert "radius: 25 cm" in page.workplace.text
-    assert "not YAML" in page.message.text
 
 
 def test_a_mistake_is_marked_at_its_object(page):
@@ -586,7 +585,8 @@ def test_the_gas_of_a_run_is_said_to_belong_to_an_older_room(page):
     running(page, 1.0)
     assert canvas.note.text == ""
     page.choose("obstacles[0]")
-    page.form.widgets["obstacles[0].center"].value = "[1.0, 2.0]"
+    for number, value in enumerate(("1.0", "2.0")):
+        page.form.widgets[f"obstacles[0].center[{number}]"].value = value
     page.form.widgets["obstacles[0].radius"].value = "0.3"
     page.put(edits.with_values(page.workplace.text, "domain", {"size": [8.0, 3.0]}))
     assert "run 1" in canvas.note.text
@@ -599,7 +599,7 @@ def test_the_gas_of_a_run_is_said_to_belong_to_an_older_room(page):
     page._typed("robots: [")
     assert len(canvas.sources["earlier"].data["xs"]) == 2, "the last room stays while the text cannot be read"
     assert page.chosen == "obstacles[0]"
-    for _ in range(4):
+    for _ in range(5):
         page._undo()
     assert canvas.note.text == ""
     assert canvas.sources["earlier"].data["xs"] == []
