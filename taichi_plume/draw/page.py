@@ -101,7 +101,7 @@ class Page:
         return self.seen.value.startswith("hidden")
 
     def _seen(self, state: str) -> None:
-        for canvas in self.canvases.values():
+        for canvas in (*self.canvases.values(), self.runs.beside):
             canvas.paint(state.endswith("dark"))
         if not self.hidden:
             self._catch_up()
@@ -147,7 +147,9 @@ class Page:
         above, side = self.canvases[ABOVE].figure, self.canvases[SIDE].figure
         side.update(height=190, sizing_mode="stretch_width")
         views = column(
-            self.files.layout, self.question, self.message, above, side, self.time.layout, self.hint, self.size,
+            self.files.layout, self.question, self.message,
+            row(above, self.runs.beside.figure, sizing_mode="stretch_both"), row(side, sizing_mode="stretch_width"),
+            self.time.layout, self.hint, self.size,
             sizing_mode="stretch_both",
         )  # fmt: skip
         self.text = TextAreaInput(
@@ -465,5 +467,6 @@ class Page:
         for canvas in self.canvases.values():
             canvas.faded = now[1]
             canvas.show_run(sight, of, self.scene, f"run {self.runs.number}", self.runs.picture)
+        self.runs.show_beside()
         if now != before:
             self._show_remarks()  # walkers, and what has changed, are drawn otherwise while a run is seen

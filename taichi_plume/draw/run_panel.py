@@ -8,12 +8,14 @@ from bokeh.layouts import column, row
 from bokeh.models import Button, ColumnDataSource, Div, InlineStyleSheet, Select, Span
 from bokeh.plotting import figure
 
+from taichi_plume.draw.canvas import Canvas
 from taichi_plume.draw.document import data_of
-from taichi_plume.draw.objects import named, names
+from taichi_plume.draw.objects import Scene, named, names
 from taichi_plume.draw.runs import LISTED, Run
 from taichi_plume.execution.latest_instant import Instant, Picture
 from taichi_plume.observed.scales import Scale
 from taichi_plume.report import theme
+from taichi_plume.report.theme import ABOVE
 
 if TYPE_CHECKING:
     from taichi_plume.draw.page import Page
@@ -23,7 +25,11 @@ ENDED = ("completed", "stopped")
 """States of runs that have come to their end; a run stops early if its robots are done."""
 CELL = "text-align:left;vertical-align:top;padding:3px 8px 3px 0;border-bottom:1px solid #e3e7eb"
 WHOLE = ".bk-clearfix { width: 100%; height: 100%; }"
+DIFFERENCE, BESIDE = "difference", "side by side"
 FRAME = "width:100%;height:calc(100vh - 150px);border:1px solid #c9d1d9;background:#fff"
+
+
+Pair = tuple[Picture | None, Picture | None]
 
 
 class RunPanel:
@@ -33,7 +39,10 @@ class RunPanel:
         self.page, self.number = page, 0
         self._shown: tuple[Instant | None, Run | None] = None, None
         self._drawn: dict[str, np.ndarray | None] = {}  # readings of the curves' sources
-        self._pair: tuple[Instant | None, Instant | None, Picture | None] = None, None, None
+        self._pair: tuple[tuple[object, ...], Pair] = (), (None, None)
+        self.beside = Canvas(ABOVE, page.canvases[ABOVE])  # the compared run
+        self.beside.figure.visible = False
+        self._room: Scene | None = None  # that is drawn there
         self._frames: tuple[int, bool] = (0, False)
         self.stop = Button(label="■ Stop", width=80, disabled=True, name="stop")
         self.stop.on_click(self._stop)
@@ -59,6 +68,8 @@ class RunPanel:
         self.quantity.on_change("value", lambda _attr, _old, _new: page.look())
         self.other = Select(title="compared with", width=150, visible=False, name="other")
         self.other.on_change("value", lambda _attr, _old, _new: page.look())
+        self.way = Select(title="as", width=110, options=[DIFFERENCE, BESIDE], value=DIFFERENCE, name="way")
+        self.way.on_change("value", lambda _attr, _old, _new: page.look())
         self.take = Button(label="Take its room", width=110, name="take")
         self.take.on_click(self._take)
         self.remove = Button(label="Delete run", width=95, name="remove")
@@ -66,7 +77,7 @@ class RunPanel:
         self.table = Div(width=410, name="runs")
         self.layout = column(
             row(self.stop, self.progress), self.plot, self.links, self.output,
-            row(self.shown, self.other, self.quantity), row(self.take, self.remove), self.table,
+            row(self.shown, self.quantity), row(self.other, self.way), row(self.take, self.remove), self.table,
             sizing_mode="stretch_height", styles={"overflow-y": "auto"},
         )  # fmt: skip
         first = "<p>Run the scenario first.</p>"
@@ -92,23 +103,34 @@ class RunPanel:
 
     @property
     def picture(self) -> Picture | None:
-        """Picture of the chosen quantity at that moment, the first by default; None without `sight`."""
+        """Picture of the shown run, or its difference from the compared run; None without `sight`."""
+        return self._pictures()[0]
+
+    @property
+    def other_sight(self) -> Instant | None:
+        """State of the compared run at the time of `sight`; None without either."""
         sight, other = self.sight, self.compared
+        return other.moment(sight.t) if sight is not None and other is not None else None
+
+    def _pictures(self) -> Pair:
+        """Return pictures of the chosen quantity, by default the first, of the shown and of the compared run.
+
+        The second has the colours of the first. Shown as a difference, the first is the difference.
+        """
+        sight, other, moment = self.sight, self.compared, self.other_sight
         pictures = sight.pictures if sight is not None else {}
         name = str(self.quantity.value) if self.quantity.value in pictures else next(iter(pictures), "")
-        if sight is None or other is None or name not in pictures:
-            return pictures.get(name)
-        moment = other.moment(sight.t)
-        there = moment.pictures.get(name) if moment is not None else None
-        if there is None or there.values.shape != pictures[name].values.shape:
-            return pictures[name]
-        if sight is not self._pair[0] or moment is not self._pair[1]:
-            self._pair = (
-                sight,
-                moment,
-                difference(pictures[name], there, f"run {self.number}", f"run {other.number}"),
-            )
-        return self._pair[2]
+        a, b = pictures.get(name), moment.pictures.get(name) if moment is not None else None
+        key = (a, b, self.way.value)
+        if len(self._pair[0]) == len(key) and all(x is y for x, y in zip(key, self._pair[0], strict=True)):
+            return self._pair[1]
+        if a is not None and b is not None and other is not None:
+            if self.way.value == BESIDE:
+                b = b._replace(scale=a.scale)
+            elif a.values.shape == b.values.shape:
+                a = difference(a, b, f"run {self.number}", f"run {other.number}")
+        self._pair = key, (a, b)
+        return self._pair[1]
 
     @property
     def compared(self) -> Run | None:
@@ -180,6 +202,25 @@ class RunPanel:
         self.output.text = "".join(f"<div style='color:#d32f2f'>{escape(line)}</div>" for line in lines)
         self._show_frames(run)
 
+    def show_beside(self) -> None:
+        """Show the compared run in a view beside, at the same time and on the same scales, if that is chosen."""
+        other, seen = self.compared, self.other_sight
+        self.way.visible = other is not None
+        there = self.way.value == BESIDE and other is not None and seen is not None
+        self.beside.figure.visible = there
+        title: Any = self.page.canvases[ABOVE].figure.title
+        title.text = f"run {self.number}" if there else ""
+        if other is None or seen is None or not there:
+            return
+        self.beside.show_run(seen, other.scene, other.scene, "", self._pictures()[1])
+        if self._room is not other.scene:
+            self._room = other.scene
+            self.beside.show(other.scene)
+        title = self.beside.figure.title
+        title.text = f"run {other.number}"
+        if self.sight is not None and seen.t < self.sight.t - max(1.0, 0.05 * seen.end):
+            title.text += f", at its last moment, {seen.t:.1f} s"
+
     def _show_progress(self, run: Run) -> None:
         sight, left = run.sight, run.left
         done = sight.done if sight is not None else 0.0
@@ -209,6 +250,8 @@ class RunPanel:
                 "ys": readings,
                 "color": [theme.robot(n) for n in range(len(readings))],
             }
+        title: Any = self.plot.title
+        title.text = f"lines: run {self.number}, dashed: run {other.number}" if other is not None else ""
         self.plot.visible = bool(self.curves.data["xs"] or self.dashed.data["xs"])
 
     def _show_quantities(self, sight: Instant | None) -> None:

@@ -225,6 +225,54 @@ def test_runs_of_the_folder_are_listed_compared_taken_and_deleted(two, tmp_path)
     assert len(page.workplace.runs) == 2, "numbers stay"
 
 
+@pytest.mark.slow
+def test_two_runs_are_seen_side_by_side_on_the_same_scales(two):
+    page = page_of(two)
+    above, beside = page.canvases[ABOVE], page.runs.beside
+    page.runs.shown.value = "2"
+    page.time.choose(4.0)
+    page.runs.other.value = "1"
+    assert not beside.figure.visible
+    page.runs.way.value = "side by side"
+    assert beside.figure.visible
+    one, ten = (Past(run.folder).at(4.0) for run in page.workplace.runs)
+    for canvas, moment in ((above, ten), (beside, one)):
+        picture = canvas._beside[2]
+        np.testing.assert_array_equal(picture.values, moment.pictures["gas_slice"].values)
+        assert picture.scale == ten.pictures["gas_slice"].scale
+        assert canvas.bar.title.startswith("ethanol")
+        assert canvas.sources["robots"].data["x"] == pytest.approx(list(moment.robots[0]))
+        lines = canvas.sources["wind"].data
+        drawn = np.hypot(*(np.subtract(lines[f"{d}1"], lines[f"{d}0"]) for d in "xy"))
+        assert drawn == pytest.approx(above.arrow * np.hypot(*moment.wind[2:])), "m per m/s"
+    assert (beside.figure.x_range, beside.figure.y_range) == (above.figure.x_range, above.figure.y_range)
+    assert len(beside.sources["areas"].data["xs"]) == len(above.sources["areas"].data["xs"]) > 0, "its room"
+    assert (above.figure.title.text, beside.figure.title.text) == ("run 2", "run 1")
+    page.time.choose(2.0)
+    past = Past(page.workplace.runs[0].folder)
+    np.testing.assert_array_equal(
+        beside._beside[2].values, past.at(2.0).pictures["gas_slice"].values, "the slider moves both"
+    )
+    page.runs.other.value = ""
+    assert not beside.figure.visible
+    assert above.figure.title.text == ""
+
+
+def test_another_quantity_has_a_difference_of_its_own(tmp_path):
+    (tmp_path / "small.yaml").write_text(TEXT)
+    page = page_of(tmp_path)
+    for number in (1, 2):
+        run = Run(number, tmp_path / "runs", TEXT, scene=page.scene)
+        run.process = SimpleNamespace(poll=lambda: None)  # type: ignore[assignment]
+        page.workplace.runs.append(run)
+        run.see(sight_at(1.0))
+    page.look()
+    page.runs.other.value = "2"
+    assert page.runs.picture.unit == "decades"
+    page.runs.quantity.value = "temperature_slice"
+    assert page.runs.picture.unit == "K"
+
+
 def test_no_run_is_removed_elsewhere(tmp_path):
     (tmp_path / "room").mkdir()
     (tmp_path / "elsewhere").mkdir()
