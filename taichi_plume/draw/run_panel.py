@@ -4,8 +4,21 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from bokeh.core.property.vectorization import field
 from bokeh.layouts import column, row
-from bokeh.models import Button, ColumnDataSource, Div, InlineStyleSheet, Select, Span
+from bokeh.models import (
+    Button,
+    ColumnDataSource,
+    DataTable,
+    Div,
+    InlineStyleSheet,
+    Select,
+    Span,
+    StringFormatter,
+    TableColumn,
+    TextInput,
+    Toggle,
+)
 from bokeh.plotting import figure
 
 from taichi_plume.draw.canvas import Canvas
@@ -15,15 +28,23 @@ from taichi_plume.draw.runs import LISTED, Run
 from taichi_plume.execution.latest_instant import Instant, Picture
 from taichi_plume.observed.scales import Scale
 from taichi_plume.report import theme
+from taichi_plume.report.html import GOOD
 from taichi_plume.report.theme import ABOVE
 
 if TYPE_CHECKING:
     from taichi_plume.draw.page import Page
 
 DECADES = Scale(-2.0, 2.0, "linear")  # of a ratio of concentrations
-ENDED = ("completed", "stopped")
-"""States of runs that have come to their end; a run stops early if its robots are done."""
-CELL = "text-align:left;vertical-align:top;padding:3px 8px 3px 0;border-bottom:1px solid #e3e7eb"
+LOOKS = {
+    "source found": ("✓ ", GOOD), "completed": ("", theme.INK), "ended early": ("", theme.INK),
+    "interrupted": ("■ ", theme.UNLIKELY), "failed": ("✗ ", theme.ERROR), "unstable": ("✗ ", theme.ERROR),
+    "disk_full": ("✗ ", theme.ERROR),
+}  # fmt: skip
+"""Mark and colour of a run by how it ended; of one that goes on: GOING."""
+GOING = ("", "#0b6bcb")
+COLUMNS = {"run": 30, "name": 120, "state": 95, "found": 150, "changed": 150, "simulated": 65, "took": 45}
+"""Columns of the list and their widths [pixels]."""
+ROW = 26  # pixels
 WHOLE = ".bk-clearfix { width: 100%; height: 100%; }"
 DIFFERENCE, BESIDE = "difference", "side by side"
 FRAME = "width:100%;height:calc(100vh - 150px);border:1px solid #c9d1d9;background:#fff"
@@ -43,6 +64,7 @@ class RunPanel:
         self.beside = Canvas(ABOVE, page.canvases[ABOVE])  # the compared run
         self.beside.figure.visible = False
         self._room: Scene | None = None  # that is drawn there
+        self._listed: list[int] = []  # numbers of the runs in the table
         self._frames: tuple[int, bool] = (0, False)
         self.stop = Button(label="■ Stop", width=80, disabled=True, name="stop")
         self.stop.on_click(self._stop)
@@ -62,8 +84,6 @@ class RunPanel:
         self.now = Span(dimension="height", location=0.0, visible=False, line_color=theme.FAINT)
         self.plot.add_layout(self.now)
         self.plot.axis.axis_label_text_font_style = "normal"
-        self.shown = Select(title="shown run", width=120, visible=False, name="shown")
-        self.shown.on_change("value", lambda _attr, _old, new: self._chosen(new))
         self.quantity = Select(title="shown quantity", width=200, visible=False, name="quantity")
         self.quantity.on_change("value", lambda _attr, _old, _new: page.look())
         self.other = Select(title="compared with", width=150, visible=False, name="other")
@@ -74,10 +94,27 @@ class RunPanel:
         self.take.on_click(self._take)
         self.remove = Button(label="Delete run", width=95, name="remove")
         self.remove.on_click(self._remove)
-        self.table = Div(width=410, name="runs")
+        self.title = TextInput(title="name of the run", width=180, name="title")
+        self.title.on_change("value", lambda _attr, _old, new: self._mark(new, self.pin.active))
+        self.pin = Toggle(label="★ Pin", width=75, align="end", name="pin")
+        self.pin.on_change("active", lambda _attr, _old, new: self._mark(self.title.value, bool(new)))
+        self.rows = ColumnDataSource({key: [] for key in (*COLUMNS, "color")}, name="rows")
+        self.rows.selected.on_change("indices", lambda _attr, _old, new: self._clicked(new))
+        words = StringFormatter(text_color=field("color"), font_style="bold")
+        columns = [
+            TableColumn(
+                field=key, title=key, width=width, formatter=words if key == "state" else StringFormatter()
+            )
+            for key, width in COLUMNS.items()
+        ]
+        self.table = DataTable(
+            source=self.rows, columns=columns, width=410, autosize_mode="none", index_position=None,
+            row_height=ROW, name="runs", visible=False,
+        )  # fmt: skip
         self.layout = column(
-            row(self.stop, self.progress), self.plot, self.links, self.output,
-            row(self.shown, self.quantity), row(self.other, self.way), row(self.take, self.remove), self.table,
+            self.table, row(self.stop, self.progress), self.output, self.links,
+            row(self.title, self.pin), row(self.quantity, self.other, self.way), self.plot,
+            row(self.take, self.remove),
             sizing_mode="stretch_height", styles={"overflow-y": "auto"},
         )  # fmt: skip
         first = "<p>Run the scenario first.</p>"
@@ -197,9 +234,9 @@ class RunPanel:
             self._shown = seen, self.compared
             self._show_readings(seen)
             self._show_quantities(seen)
-        as_asked = run.alive or run.state in ENDED or run.stopping
-        lines = [] if as_asked or run.scene is None else map(run.scene.named, run.output)
-        self.output.text = "".join(f"<div style='color:#d32f2f'>{escape(line)}</div>" for line in lines)
+        failed = LOOKS.get(run.words, GOING)[1] == theme.ERROR
+        lines = [line for line in run.output if line != run.why] if failed else []
+        self.output.text = "".join(f"<div>{escape(run.scene.named(line))}</div>" for line in lines)
         self._show_frames(run)
 
     def show_beside(self) -> None:
@@ -224,13 +261,16 @@ class RunPanel:
     def _show_progress(self, run: Run) -> None:
         sight, left = run.sight, run.left
         done = sight.done if sight is not None else 0.0
-        current = run.alive or run.state in ENDED  # a run that is interrupted writes no last state
-        clock = f"{sight.t:.1f} of {sight.end:g} s" if sight is not None and current else ""
+        clock = f"{sight.t:.1f} of {sight.end:g} s" if sight is not None and run.alive else ""
         remaining = f", about {left:.0f} s left" if left is not None else ""
         bar = f"<progress max='1' value='{done:.3f}' style='width:120px'></progress>" if run.alive else ""
-        why = str(run.result.get("message", "")) if run.state == "stopped" else ""
-        words = f"{run.words}: {why}" if why else f"{run.words} {clock}{remaining}"
-        self.progress.text = f"{bar} <b>run {run.number}</b> {escape(words)}"
+        (mark, color), why = LOOKS.get(run.words, GOING), run.scene.named(run.why)
+        state = f"<b style='color:{color}'>{mark}{escape(run.words.replace('_', ' '))}</b>"
+        text = (
+            f"{bar} <b>run {run.number}</b> {state}{': ' * bool(why)}{escape(why or f' {clock}{remaining}')}"
+        )
+        found = filter(None, run.found(" found the source").split("; "))
+        self.progress.text = "".join(f"<div>{line}</div>" for line in [text, *map(escape, found)])
 
     def _show_clock(self, seen: Instant | None) -> None:
         self.now.visible = self.page.time.t is not None and seen is not None
@@ -285,27 +325,50 @@ class RunPanel:
         self.recording.text = f'<iframe src="viewer/?run={run.number}" style="{FRAME}"></iframe>'
 
     def _show_list(self) -> None:
-        """Show the last runs beside each other, the newest first."""
-        runs = [run for run in reversed(self.page.workplace.runs) if not run.discarded][:LISTED]
-        rows = [run.row() for run in runs]
-        cells = [[f"<th style='{CELL}'>{key}</th>" for key in line] for line in rows[:1]]
-        cells += [[f"<td style='{CELL}'>{escape(text)}</td>" for text in line.values()] for line in rows]
-        lines = "".join(f"<tr>{''.join(line)}</tr>" for line in cells)
-        self.table.text = f"<table style='border-collapse:collapse;font-size:12px'>{lines}</table>"
-        options = [("0", "none"), *((str(run.number), f"{run.number}: {run.folder.name}") for run in runs)]
-        if self.shown.options != options or self.shown.value != str(self.number):
-            self.shown.update(options=options, value=str(self.number), visible=bool(runs))
-            others = [("", "none"), *(pair for pair in options[1:] if pair[0] != str(self.number))]
-            stays = self.other.value if self.other.value in dict(others) else ""
-            self.other.update(options=others, value=stays, visible=len(others) > 1 and self.number > 0)
-        self.take.visible = self.remove.visible = self.run is not None
-        self.remove.disabled = self.run is None or self.run.alive
+        """Show the pinned and then the last runs below each other, the newest first."""
+        runs = [run for run in reversed(self.page.workplace.runs) if not run.discarded]
+        pinned = [run for run in runs if run.pinned]
+        runs = pinned + [run for run in runs if not run.pinned][:LISTED]
+        rows = [run.row() | {"color": LOOKS.get(run.words, GOING)[1]} for run in runs]
+        for line in rows:
+            line["state"] = LOOKS.get(line["state"], GOING)[0] + line["state"].replace("_", " ")
+        listed = {key: [line[key] for line in rows] for key in (*COLUMNS, "color")}
+        if listed != self.rows.data:
+            self.rows.data = listed
+        self._listed = [run.number for run in runs]
+        chosen = [n for n, number in enumerate(self._listed) if number == self.number]
+        if self.rows.selected.indices != chosen:
+            self.rows.selected.indices = chosen
+        self.table.update(height=ROW * (len(runs) + 1) + 22, visible=bool(runs))
+        others = [("", "none")]
+        others += [
+            (str(run.number), f"{run.number}: {run.name}") for run in runs if run.number != self.number
+        ]
+        stays = self.other.value if self.other.value in dict(others) else ""
+        self.other.update(options=others, value=stays, visible=len(others) > 1 and self.number > 0)
+        run = self.run
+        for part in (self.take, self.remove, self.title, self.pin):
+            part.visible = run is not None
+        if run is not None:
+            self.title.update(value=run.label[0], placeholder=run.folder.name)
+            self.pin.active = run.pinned
+            self.remove.disabled = run.alive or run.elsewhere or run.pinned
 
-    def _chosen(self, number: str) -> None:
-        if number.isdecimal() and int(number) != self.number:
-            self.number = int(number)
+    def _clicked(self, rows: list[int]) -> None:
+        if len(rows) == 1 and rows[0] < len(self._listed):
+            self.choose(self._listed[rows[0]])
+
+    def choose(self, number: int) -> None:
+        """Show another run: one that goes on at its latest moment, one that has ended at its last."""
+        if number != self.number:
+            self.number = number
             run = self.run
             self.page.time.choose(None if run is None or run.alive else run.recorded[1])
+
+    def _mark(self, name: str, pinned: bool) -> None:
+        run = self.run
+        if run is not None and (name.strip(), pinned) != run.label:
+            self.page.tried(lambda: self.page.workplace.mark(run, name, pinned))
 
 
 def difference(a: Picture, b: Picture, first: str, second: str) -> Picture:

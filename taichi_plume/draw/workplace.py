@@ -68,6 +68,7 @@ class Workplace:
         for draft in [draft for draft in self.drafts.waiting if draft.text == self.text]:
             self.drafts.refuse(draft)  # saved just before a server was killed
         self.runs = runs_in(self.root / "runs")
+        self._elsewhere: list[Run] = []
         self.pages: list[Follower] = []
         self._scene: tuple[object, Scene] | None = None
         self.findings: Findings | None = None
@@ -266,9 +267,16 @@ class Workplace:
         run = self.runs[number - 1] if 1 <= number <= len(self.runs) else None
         return None if run is None or run.discarded else run
 
+    def mark(self, run: Run, name: str, pinned: bool) -> None:
+        """Give a run a name and pin it, or not; all pages follow. Raises InputError if that is not kept."""
+        try:
+            run.mark(name, pinned)
+        finally:
+            self._notify(runs_alone=True)
+
     def discard(self, run: Run) -> None:
         """Remove the folder of a run that has ended, and the run from the lists. Raises InputError."""
-        if run.alive or run.folder.is_symlink() or not inside(run.folder, self.root):
+        if run.alive or run.elsewhere or run.folder.is_symlink() or not inside(run.folder, self.root):
             raise InputError(
                 f"{run.folder.name}: is not removed: the run goes on, or its folder lies elsewhere"
             )
@@ -344,7 +352,9 @@ class Workplace:
         running = [run for run in self.runs if run.begun_here and run.wall is None]
         for run in running:
             run.poll()
-        if running:
+        elsewhere = [run for run in self.runs if run.elsewhere]
+        if running or elsewhere or self._elsewhere:
+            self._elsewhere = elsewhere
             self._notify(runs_alone=True)
 
     def _notify(self, runs_alone: bool = False) -> None:
