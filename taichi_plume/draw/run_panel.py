@@ -4,13 +4,13 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from bokeh.core.property.vectorization import field
 from bokeh.layouts import column, row
 from bokeh.models import (
     Button,
     ColumnDataSource,
     DataTable,
     Div,
+    HTMLTemplateFormatter,
     InlineStyleSheet,
     Select,
     Span,
@@ -28,7 +28,6 @@ from taichi_plume.draw.runs import LISTED, Run
 from taichi_plume.execution.latest_instant import Instant, Picture
 from taichi_plume.observed.scales import Scale
 from taichi_plume.report import theme
-from taichi_plume.report.html import GOOD
 from taichi_plume.report.theme import ABOVE
 
 if TYPE_CHECKING:
@@ -36,12 +35,11 @@ if TYPE_CHECKING:
 
 DECADES = Scale(-2.0, 2.0, "linear")  # of a ratio of concentrations
 LOOKS = {
-    "source found": ("✓ ", GOOD), "completed": ("", theme.INK), "ended early": ("", theme.INK),
-    "interrupted": ("■ ", theme.UNLIKELY), "failed": ("✗ ", theme.ERROR), "unstable": ("✗ ", theme.ERROR),
-    "disk_full": ("✗ ", theme.ERROR),
+    "source found": ("✓ ", "good"), "completed": ("", ""), "ended early": ("", ""), "interrupted": ("■ ", "odd"),
+    "failed": ("✗ ", "bad"), "unstable": ("✗ ", "bad"), "disk_full": ("✗ ", "bad"),
 }  # fmt: skip
-"""Mark and colour of a run by how it ended; of one that goes on: GOING."""
-GOING = ("", "#0b6bcb")
+"""Mark of a run by how it ended, and its class in the style sheet; of one that goes on: GOING."""
+GOING = ("", "going")
 COLUMNS = {"run": 30, "name": 120, "state": 95, "found": 150, "changed": 150, "simulated": 65, "took": 45}
 """Columns of the list and their widths [pixels]."""
 ROW = 26  # pixels
@@ -98,9 +96,9 @@ class RunPanel:
         self.title.on_change("value", lambda _attr, _old, new: self._mark(new, self.pin.active))
         self.pin = Toggle(label="★ Pin", width=75, align="end", name="pin")
         self.pin.on_change("active", lambda _attr, _old, new: self._mark(self.title.value, bool(new)))
-        self.rows = ColumnDataSource({key: [] for key in (*COLUMNS, "color")}, name="rows")
+        self.rows = ColumnDataSource({key: [] for key in (*COLUMNS, "look")}, name="rows")
         self.rows.selected.on_change("indices", lambda _attr, _old, new: self._clicked(new))
-        words = StringFormatter(text_color=field("color"), font_style="bold")
+        words = HTMLTemplateFormatter(template='<b class="<%- look %>"><%- value %></b>')  # both escaped
         columns = [
             TableColumn(
                 field=key, title=key, width=width, formatter=words if key == "state" else StringFormatter()
@@ -108,14 +106,14 @@ class RunPanel:
             for key, width in COLUMNS.items()
         ]
         self.table = DataTable(
-            source=self.rows, columns=columns, width=410, autosize_mode="none", index_position=None,
+            source=self.rows, columns=columns, sizing_mode="stretch_width", autosize_mode="none", index_position=None,
             row_height=ROW, name="runs", visible=False,
         )  # fmt: skip
         self.layout = column(
             self.table, row(self.stop, self.progress), self.output, self.links,
             row(self.title, self.pin), row(self.quantity, self.other, self.way), self.plot,
             row(self.take, self.remove),
-            sizing_mode="stretch_height", styles={"overflow-y": "auto"},
+            sizing_mode="stretch_both", css_classes=["scrolls"],
         )  # fmt: skip
         first = "<p>Run the scenario first.</p>"
         style: list[Any] = [InlineStyleSheet(css=WHOLE)]
@@ -234,7 +232,7 @@ class RunPanel:
             self._shown = seen, self.compared
             self._show_readings(seen)
             self._show_quantities(seen)
-        failed = LOOKS.get(run.words, GOING)[1] == theme.ERROR
+        failed = LOOKS.get(run.words, GOING)[1] == "bad"
         lines = [line for line in run.output if line != run.why] if failed else []
         self.output.text = "".join(f"<div>{escape(run.scene.named(line))}</div>" for line in lines)
         self._show_frames(run)
@@ -264,8 +262,8 @@ class RunPanel:
         clock = f"{sight.t:.1f} of {sight.end:g} s" if sight is not None and run.alive else ""
         remaining = f", about {left:.0f} s left" if left is not None else ""
         bar = f"<progress max='1' value='{done:.3f}' style='width:120px'></progress>" if run.alive else ""
-        (mark, color), why = LOOKS.get(run.words, GOING), run.scene.named(run.why)
-        state = f"<b style='color:{color}'>{mark}{escape(run.words.replace('_', ' '))}</b>"
+        (mark, look), why = LOOKS.get(run.words, GOING), run.scene.named(run.why)
+        state = f"<b class='{look}'>{mark}{escape(run.words.replace('_', ' '))}</b>"
         text = (
             f"{bar} <b>run {run.number}</b> {state}{': ' * bool(why)}{escape(why or f' {clock}{remaining}')}"
         )
@@ -329,10 +327,10 @@ class RunPanel:
         runs = [run for run in reversed(self.page.workplace.runs) if not run.discarded]
         pinned = [run for run in runs if run.pinned]
         runs = pinned + [run for run in runs if not run.pinned][:LISTED]
-        rows = [run.row() | {"color": LOOKS.get(run.words, GOING)[1]} for run in runs]
+        rows = [run.row() | {"look": LOOKS.get(run.words, GOING)[1]} for run in runs]
         for line in rows:
             line["state"] = LOOKS.get(line["state"], GOING)[0] + line["state"].replace("_", " ")
-        listed = {key: [line[key] for line in rows] for key in (*COLUMNS, "color")}
+        listed = {key: [line[key] for line in rows] for key in (*COLUMNS, "look")}
         if listed != self.rows.data:
             self.rows.data = listed
         self._listed = [run.number for run in runs]

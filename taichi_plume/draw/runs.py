@@ -237,6 +237,8 @@ class Run:
             self._write_label()
         if not self.alive and self.wall is None:
             self.wall = time.monotonic() - self.begun
+            if self.sight is not None and self.past is not None:
+                self.sight = self.sight._replace(pictures=self.sight.pictures | self.past.maps)
             if self.scenario is not None:
                 self.scenario.unlink(missing_ok=True)
 

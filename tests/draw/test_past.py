@@ -35,6 +35,7 @@ robots:
     start: {kind: positions, positions: [[1.6, 0.3], [1.6, 0.7]]}
     algorithm: {kind: casting}
 recording: {rate: 2, wind_rate: 1}
+maps: [{kind: kernel_dmv, cell: 0.2}, {kind: time_series, cell: 0.25}]
 """
 
 
@@ -81,6 +82,22 @@ def test_between_two_pictures_the_earlier_one_is_seen(ended):
     for t, other in ((3.4, 3.0), (-5.0, 0.0), (99.0, 6.0)):
         found, wanted = (past.at(at).pictures["gas_slice"].values for at in (t, other))
         np.testing.assert_array_equal(found, wanted)
+
+
+@pytest.mark.slow
+def test_gas_maps_are_those_of_the_end(ended):
+    past, run = Past(ended / "runs/small-1"), tp.open_run(ended / "runs/small-1")
+    found = past.at(1.0).pictures
+    assert set(found) == {"gas_slice", "map_0_0", "deviation_0_0", "map_1_0"}
+    for n, cell in ((0, 0.2), (1, 0.25)):
+        shown, of = found[f"map_{n}_0"], run.maps[n]
+        np.testing.assert_array_equal(shown.values, of.estimate[0])
+        assert (shown.unit, shown.cell) == ("ppm", pytest.approx(cell))
+        assert shown.quantity.endswith("map at the end, 6 s")
+        assert shown.scale == found["gas_slice"].scale
+    deviation = found["deviation_0_0"]
+    assert deviation.values**2 == pytest.approx(run.maps[0].variance.values[0], rel=1e-5, nan_ok=True)
+    assert np.isfinite(deviation.values).any()
 
 
 def test_a_folder_without_a_run_is_one_line(tmp_path):
