@@ -34,6 +34,7 @@ from taichi_plume.draw.file_menu import FileMenu
 from taichi_plume.draw.form_panel import FormPanel
 from taichi_plume.draw.pointer import Pointer
 from taichi_plume.draw.run_panel import RunPanel
+from taichi_plume.draw.runs import Run
 from taichi_plume.draw.time_bar import TimeBar
 from taichi_plume.draw.workplace import FileChangedError, Workplace
 from taichi_plume.guard.input_error import InputError
@@ -121,7 +122,7 @@ class Page:
             self._button("⟳ 15°", lambda: self._turn(-15), 60),
             self._button("Delete", self._delete, 70),
         ]
-        run = self._button("▶ Run", self._run, 90)
+        run = self._button("▶ Run", self.run, 90)
         run.update(button_type="success", name="run")
         links = (
             '<a href="share/room.yaml">YAML</a> &nbsp; <a href="share/room.png" target="_blank">picture</a>'
@@ -393,18 +394,19 @@ class Page:
     def _offer_reload(self) -> None:
         self.ask("Take the file's text instead? Undo returns to the present one.", self.workplace.reload)
 
-    def _run(self) -> None:
+    def run(self, kind: type[Run] = Run) -> None:
+        """Start a run of the text, or Repeats; ask first if another one goes on."""
         alive = [str(run.number) for run in self.workplace.runs if run.alive]
         if alive:
-            self.ask(f"Run {', '.join(alive)} goes on. Start another one beside?", self._start)
+            self.ask(f"Run {', '.join(alive)} goes on. Start another one beside?", lambda: self._start(kind))
         else:
-            self._start()
+            self._start(kind)
 
-    def _start(self) -> None:
+    def _start(self, kind: type[Run]) -> None:
         self.tabs.active = 3
         self.choose("")  # handles would lie on the picture of the run
         self.time.choose(None)
-        self.runs.start(self.workplace.text)
+        self.runs.start(self.workplace.text, kind=kind)
 
     def _act(self, words: str) -> None:
         """Carry out what a key or a link of the page means."""

@@ -24,6 +24,7 @@ from bokeh.plotting import figure
 from taichi_plume.draw.canvas import Canvas
 from taichi_plume.draw.document import data_of
 from taichi_plume.draw.objects import Scene, named, names
+from taichi_plume.draw.repeats import COUNT, Repeats
 from taichi_plume.draw.runs import LISTED, Run
 from taichi_plume.execution.latest_instant import Instant, Picture
 from taichi_plume.observed.scales import Scale
@@ -66,6 +67,8 @@ class RunPanel:
         self._frames: tuple[int, bool] = (0, False)
         self.stop = Button(label="■ Stop", width=80, disabled=True, name="stop")
         self.stop.on_click(self._stop)
+        self.repeat = Button(label=f"▶ Run with {COUNT} seeds", width=150, name="repeat")
+        self.repeat.on_click(lambda: page.run(Repeats))
         self.progress = Div(width=300, name="progress")
         self.output = Div(width=400, name="output")
         self.links = Div(width=400, name="links")
@@ -112,7 +115,7 @@ class RunPanel:
         self.layout = column(
             self.table, row(self.stop, self.progress), self.output, self.links,
             row(self.title, self.pin), row(self.quantity, self.other, self.way), self.plot,
-            row(self.take, self.remove),
+            row(self.take, self.remove), self.repeat,
             sizing_mode="stretch_both", css_classes=["scrolls"],
         )  # fmt: skip
         first = "<p>Run the scenario first.</p>"
@@ -175,11 +178,11 @@ class RunPanel:
 
     # ---------------------------------------------------------------- run and stop
 
-    def start(self, text: str, agreed: frozenset[str] = frozenset()) -> None:
+    def start(self, text: str, agreed: frozenset[str] = frozenset(), kind: type[Run] = Run) -> None:
         """Start a run of a text once the user has agreed to each of its Python files, by the SHA-256 of the file.
 
         The question has the words of the command. The run's process executes these files only if they still have this
-        SHA-256.
+        SHA-256. kind: Run, or Repeats for runs with several seeds.
         """
         page, work = self.page, self.page.workplace
         findings = work.check(text)[1]
@@ -187,12 +190,19 @@ class RunPanel:
         if not findings.sound:
             page.say("the scenario has errors; see Remarks")
             return
+        data = data_of(text)
+        if kind is Repeats and not (data.get("robots") or data.get("gas")):
+            page.say("the room has neither robots nor gas: its runs have no result to be repeated")
+            return
         digests = frozenset(findings.code.values())
+        if kind is Repeats and digests and not work.allow_code:
+            page.say("the room names Python code: runs with several seeds need `draw --allow-code`")
+            return
         if not work.allow_code and not digests <= agreed:
             words = named(" ".join([*findings.code, "Run it?"]), names(data_of(text)))
             page.ask(words, lambda: self.start(text, digests), lambda: page.say("not run"))
             return
-        run = page.tried(lambda: work.run(text, agreed))
+        run = page.tried(lambda: work.run(text, agreed, kind))
         if run is not None:
             self.number = run.number
         page.look()
@@ -257,18 +267,17 @@ class RunPanel:
             title.text += f", at its last moment, {seen.t:.1f} s"
 
     def _show_progress(self, run: Run) -> None:
-        sight, left = run.sight, run.left
-        done = sight.done if sight is not None else 0.0
-        clock = f"{sight.t:.1f} of {sight.end:g} s" if sight is not None and run.alive else ""
+        left, clock = run.left, run.clock if run.alive else ""
         remaining = f", about {left:.0f} s left" if left is not None else ""
-        bar = f"<progress max='1' value='{done:.3f}' style='width:120px'></progress>" if run.alive else ""
+        bar = f"<progress max='1' value='{run.done:.3f}' style='width:120px'></progress>" if run.alive else ""
         (mark, look), why = LOOKS.get(run.words, GOING), run.scene.named(run.why)
         state = f"<b class='{look}'>{mark}{escape(run.words.replace('_', ' '))}</b>"
         text = (
             f"{bar} <b>run {run.number}</b> {state}{': ' * bool(why)}{escape(why or f' {clock}{remaining}')}"
         )
-        found = filter(None, run.found(" found the source").split("; "))
-        self.progress.text = "".join(f"<div>{line}</div>" for line in [text, *map(escape, found)])
+        self.progress.text = "".join(
+            f"<div>{line}</div>" for line in [text, *map(escape, run.found(full=True))]
+        )
 
     def _show_clock(self, seen: Instant | None) -> None:
         self.now.visible = self.page.time.t is not None and seen is not None

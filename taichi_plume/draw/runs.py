@@ -65,6 +65,7 @@ class Run:
         self.discarded = False
         self.notes: Path | None = None
         self.scenario: Path | None = None  # a copy of the text for the run alone
+        self._inputs: list[Path] = []
         self.process: subprocess.Popen[bytes] | None = None
         self.begun = time.monotonic()
         self.wall: float | None = None
@@ -191,6 +192,16 @@ class Run:
         return [visible(line) for line in text.splitlines() if line.strip()][-MOST_LINES:]
 
     @property
+    def done(self) -> float:
+        """Completed fraction."""
+        return self.sight.done if self.sight is not None else 0.0
+
+    @property
+    def clock(self) -> str:
+        """Progress in words, such as "3.2 of 10 s"."""
+        return f"{self.sight.t:.1f} of {self.sight.end:g} s" if self.sight is not None else ""
+
+    @property
     def left(self) -> float | None:
         """Wall-clock time left [s], by the speed so far; None before it is known, and after the end."""
         sight = self.sight
@@ -205,21 +216,33 @@ class Run:
         """
         self.notes = Path(tempfile.mkdtemp(prefix="taichi_plume-draw-"))
         self.scenario = folder / f".{self.folder.name}.run-{secrets.token_hex(4)}.yaml"
-        command = [sys.executable, "-m", "taichi_plume.run", str(self.scenario), "--out", str(self.folder)]
-        command += ["--watch", str(self.notes / "watch.npz"), *flags]
+        command, texts = self._command(self.scenario)
+        self._inputs = list(texts)
+        command = [sys.executable, "-m", *command, *flags]
         own: dict[str, Any] = {"start_new_session": True}
         if os.name == "nt":
             own = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}  # pyright: ignore[reportAttributeAccessIssue]
         try:
-            with written_whole(self.scenario) as fresh:
-                fresh.write_bytes(self.text.encode("utf-8"))
+            for file, text in texts.items():
+                with written_whole(file) as fresh:
+                    fresh.write_bytes(text.encode("utf-8"))
             with (self.notes / "output.txt").open("wb") as file:
                 self.process = subprocess.Popen(
                     command, cwd=root, stdin=subprocess.DEVNULL, stdout=file, stderr=file, **own
                 )
         except OSError as error:
-            self.scenario.unlink(missing_ok=True)
+            self._remove_inputs()
             raise InputError(f"{error.filename or self.scenario}: {error.strerror or error}") from None
+
+    def _command(self, scenario: Path) -> tuple[list[str], dict[Path, str]]:
+        """Return module and arguments of the command, and the texts of the files that only this command reads."""
+        assert self.notes is not None
+        watch = ["--watch", str(self.notes / "watch.npz")]
+        return ["taichi_plume.run", str(scenario), "--out", str(self.folder), *watch], {scenario: self.text}
+
+    def _remove_inputs(self) -> None:
+        for file in self._inputs:
+            file.unlink(missing_ok=True)
 
     def stop(self) -> None:
         """Ask the run to end, as Ctrl-C does: its files are completed, and it can be resumed."""
@@ -239,8 +262,7 @@ class Run:
             self.wall = time.monotonic() - self.begun
             if self.sight is not None and self.past is not None:
                 self.sight = self.sight._replace(pictures=self.sight.pictures | self.past.maps)
-            if self.scenario is not None:
-                self.scenario.unlink(missing_ok=True)
+            self._remove_inputs()
 
     def see(self, sight: Instant) -> None:
         """Take the latest state; earlier ones stay to be looked at, every other one once they are too many."""
@@ -292,18 +314,19 @@ class Run:
             if self.notes is not None:
                 disk.discard(self.notes)
 
-    def found(self, verb: str = "") -> str:
+    def found(self, full: bool = False) -> list[str]:
         """Return how many robots of each group found a source, such as "team: 1 of 2 robots, the first in 8 s".
 
-        verb: words behind "robots".
+        full: as a sentence.
         """
         found = []
         for group in (self.result.get("groups") or []) if not self.alive else ():
             if group.get("per_trial") and not group["no_search"]:
                 seconds = group["summary"]["time_s"]["mean"]
+                verb = " found the source" if full else ""
                 first = f", the first in {seconds:.0f} s" if seconds is not None else ""
                 found.append(f"{group['name']}: {robots_found(group)}{verb}{first}")
-        return "; ".join(found)
+        return found
 
     def row(self) -> dict[str, str]:
         """Return the run's row in the list of runs: texts by column."""
@@ -315,29 +338,21 @@ class Run:
             "run": str(self.number),
             "name": "★ " * self.pinned + self.name,
             "state": self.words,
-            "found": self.found(),
+            "found": "; ".join(self.found()),
             "changed": self.changes,
             "simulated": f"{simulated:.0f} s" if isinstance(simulated, int | float) else "",
             "took": f"{wall:.0f} s",
         }
 
 
-def runs_in(above: Path) -> list[Run]:
-    """Return the runs whose folders lie in a folder, the oldest first: the latest, at most LISTED, and all pinned ones.
-
-    Links are left out.
-    """
+def runs_in(above: Path) -> list[tuple[float, Path]]:
+    """Return times of change and paths of the folders in a folder that hold a run; no links."""
     found = []
     for folder in above.iterdir() if above.is_dir() and not above.is_symlink() else ():
         file = folder / "result.json"
         if not folder.is_symlink() and file.is_file() and (folder / "scenario.yaml").is_file():
             found.append((file.stat().st_mtime, folder))
-    runs: list[Run] = []
-    for left, (_, folder) in zip(range(len(found) - 1, -1, -1), sorted(found), strict=True):
-        run = Run(len(runs) + 1, folder, before=runs[-1] if runs else None)
-        if left < LISTED or run.pinned:
-            runs.append(run)
-    return runs
+    return found
 
 
 def changes(before: str, after: str) -> str:

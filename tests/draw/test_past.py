@@ -306,17 +306,17 @@ def test_a_run_beside_another_is_asked_about(tmp_path, monkeypatch):
     (tmp_path / "small.yaml").write_text(TEXT)
     page = page_of(tmp_path)
     started = []
-    monkeypatch.setattr(page.runs, "start", started.append)
-    page._run()
+    monkeypatch.setattr(page.runs, "start", lambda text, kind: started.append(text))
+    page.run()
     assert started == [TEXT]
     run = Run(1, tmp_path / "runs", TEXT, scene=page.scene)
     run.process = SimpleNamespace(poll=lambda: None)  # type: ignore[assignment]
     page.workplace.runs.append(run)
-    page._run()
+    page.run()
     assert "Run 1 goes on" in page.banner.text
     assert len(started) == 1
     page._no()
     assert len(started) == 1
-    page._run()
+    page.run()
     page._yes()
     assert len(started) == 2
