@@ -41,7 +41,7 @@ LOOKS = {
 }  # fmt: skip
 """Mark of a run by how it ended, and its class in the style sheet; of one that goes on: GOING."""
 GOING = ("", "going")
-COLUMNS = {"run": 30, "name": 120, "state": 95, "found": 150, "changed": 150, "simulated": 65, "took": 45}
+COLUMNS = {"run": 34, "name": 120, "state": 115, "found": 170, "changed": 200, "simulated": 65, "took": 45}
 """Columns of the list and their widths [pixels]."""
 ROW = 26  # pixels
 WHOLE = ".bk-clearfix { width: 100%; height: 100%; }"
@@ -64,12 +64,13 @@ class RunPanel:
         self.beside.figure.visible = False
         self._room: Scene | None = None  # that is drawn there
         self._listed: list[int] = []  # numbers of the runs in the table
+        self._marking = False  # name and pin of another run are being shown
         self._frames: tuple[int, bool] = (0, False)
         self.stop = Button(label="■ Stop", width=80, disabled=True, name="stop")
         self.stop.on_click(self._stop)
         self.repeat = Button(label=f"▶ Run with {COUNT} seeds", width=150, name="repeat")
         self.repeat.on_click(lambda: page.run(Repeats))
-        self.progress = Div(width=300, name="progress")
+        self.progress = Div(sizing_mode="stretch_width", name="progress")
         self.output = Div(width=400, name="output")
         self.links = Div(width=400, name="links")
         self.curves = ColumnDataSource({"xs": [], "ys": [], "color": []})
@@ -85,11 +86,11 @@ class RunPanel:
         self.now = Span(dimension="height", location=0.0, visible=False, line_color=theme.FAINT)
         self.plot.add_layout(self.now)
         self.plot.axis.axis_label_text_font_style = "normal"
-        self.quantity = Select(title="shown quantity", width=200, visible=False, name="quantity")
+        self.quantity = Select(title="shown quantity", width=330, visible=False, name="quantity")
         self.quantity.on_change("value", lambda _attr, _old, _new: page.look())
-        self.other = Select(title="compared with", width=150, visible=False, name="other")
+        self.other = Select(title="compared with", width=200, visible=False, name="other")
         self.other.on_change("value", lambda _attr, _old, _new: page.look())
-        self.way = Select(title="as", width=110, options=[DIFFERENCE, BESIDE], value=DIFFERENCE, name="way")
+        self.way = Select(title="as", width=120, options=[DIFFERENCE, BESIDE], value=DIFFERENCE, name="way")
         self.way.on_change("value", lambda _attr, _old, _new: page.look())
         self.take = Button(label="Take its room", width=110, name="take")
         self.take.on_click(self._take)
@@ -113,8 +114,8 @@ class RunPanel:
             row_height=ROW, name="runs", visible=False,
         )  # fmt: skip
         self.layout = column(
-            self.table, row(self.stop, self.progress), self.output, self.links,
-            row(self.title, self.pin), row(self.quantity, self.other, self.way), self.plot,
+            self.table, row(self.stop, self.progress, sizing_mode="stretch_width"), self.output, self.links,
+            row(self.title, self.pin), self.quantity, row(self.other, self.way), self.plot,
             row(self.take, self.remove), self.repeat,
             sizing_mode="stretch_both", css_classes=["scrolls"],
         )  # fmt: skip
@@ -342,6 +343,9 @@ class RunPanel:
         listed = {key: [line[key] for line in rows] for key in (*COLUMNS, "look")}
         if listed != self.rows.data:
             self.rows.data = listed
+            self.table.tags = [
+                not any(self.table.tags)
+            ]  # a change of data of as many rows alone is not drawn
         self._listed = [run.number for run in runs]
         chosen = [n for n, number in enumerate(self._listed) if number == self.number]
         if self.rows.selected.indices != chosen:
@@ -357,8 +361,10 @@ class RunPanel:
         for part in (self.take, self.remove, self.title, self.pin):
             part.visible = run is not None
         if run is not None:
+            self._marking = True
             self.title.update(value=run.label[0], placeholder=run.folder.name)
             self.pin.active = run.pinned
+            self._marking = False
             self.remove.disabled = run.alive or run.elsewhere or run.pinned
 
     def _clicked(self, rows: list[int]) -> None:
@@ -374,7 +380,7 @@ class RunPanel:
 
     def _mark(self, name: str, pinned: bool) -> None:
         run = self.run
-        if run is not None and (name.strip(), pinned) != run.label:
+        if run is not None and not self._marking and (name.strip(), pinned) != run.label:
             self.page.tried(lambda: self.page.workplace.mark(run, name, pinned))
 
 

@@ -331,8 +331,7 @@ class Run:
     def row(self) -> dict[str, str]:
         """Return the run's row in the list of runs: texts by column."""
         result = self.result
-        running = time.monotonic() - self.begun if self.process is not None else result.get("wall_s", 0.0)
-        wall = self.wall if self.wall is not None else running
+        wall = self.wall if self.begun_here else result.get("wall_s")
         simulated = result.get("simulated_s") if not self.alive else None
         return {
             "run": str(self.number),
@@ -341,7 +340,7 @@ class Run:
             "found": "; ".join(self.found()),
             "changed": self.changes,
             "simulated": f"{simulated:.0f} s" if isinstance(simulated, int | float) else "",
-            "took": f"{wall:.0f} s",
+            "took": f"{wall:.0f} s" if isinstance(wall, int | float) else "",
         }
 
 

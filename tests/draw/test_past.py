@@ -290,6 +290,27 @@ def test_another_quantity_has_a_difference_of_its_own(tmp_path):
     assert page.runs.picture.unit == "K"
 
 
+@pytest.mark.slow
+def test_a_row_that_is_clicked_is_the_run_that_is_shown_named_and_pinned(two, tmp_path):
+    shutil.copytree(two, tmp_path / "place")
+    page = page_of(tmp_path / "place")
+    panel = page.runs
+    panel.rows.selected.indices = [1]
+    assert (panel.number, panel.title.placeholder) == (1, "small-1")
+    assert page.time.slider.value == 6.0
+    panel.title.value = "first"
+    panel.pin.active = True
+    assert panel.rows.data["name"] == ["★ first", "small-2"], "pinned runs come first"
+    assert panel.rows.selected.indices == [0]
+    assert panel.remove.disabled
+    panel.rows.selected.indices = [1]
+    assert (panel.number, panel.title.value, panel.pin.active) == (2, "", False)
+    assert [run.label for run in page.workplace.runs] == [("first", True), ("", False)], "each has its own"
+    assert not panel.remove.disabled
+    assert panel.rows.data["state"] == ["completed", "completed"]
+    assert Page(Clock(), Workplace(tmp_path / "place")).runs.rows.data["name"] == ["★ first", "small-2"]
+
+
 def test_no_run_is_removed_elsewhere(tmp_path):
     (tmp_path / "room").mkdir()
     (tmp_path / "elsewhere").mkdir()
