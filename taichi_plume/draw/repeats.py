@@ -98,6 +98,11 @@ class Repeats(Run):
         return {"status": status, "message": "" if status == "completed" else done}
 
     @property
+    def phase(self) -> str:
+        """Phase of the study that goes on: starting or running."""
+        return "running" if (self.folder / self.made_by).is_file() else "starting"
+
+    @property
     def done(self) -> float:
         """Completed fraction."""
         return self.progress.done / self.progress.runs

@@ -57,7 +57,7 @@ class RunPanel:
 
     def __init__(self, page: "Page"):
         self.page, self.number = page, 0
-        self._shown: tuple[Instant | None, Run | None] = None, None
+        self._shown: tuple[Instant | None, Run | None, Run | None] = None, None, None
         self._drawn: dict[str, np.ndarray | None] = {}  # readings of the curves' sources
         self._pair: tuple[tuple[object, ...], Pair] = (), (None, None)
         self.beside = Canvas(ABOVE, page.canvases[ABOVE])  # the compared run
@@ -239,12 +239,14 @@ class RunPanel:
         self._show_progress(run)
         seen = self.sight or run.sight
         self._show_clock(seen)
-        if seen is not self._shown[0] or self.compared is not self._shown[1]:
-            self._shown = seen, self.compared
+        shown = seen, run, self.compared
+        if any(a is not b for a, b in zip(shown, self._shown, strict=True)):
+            self._shown = shown
             self._show_readings(seen)
             self._show_quantities(seen)
         failed = LOOKS.get(run.words, GOING)[1] == "bad"
         lines = [line for line in run.output if line != run.why] if failed else []
+        self.output.visible = bool(lines)
         self.output.text = "".join(f"<div>{escape(run.scene.named(line))}</div>" for line in lines)
         self._show_frames(run)
 

@@ -148,7 +148,7 @@ class Run:
     def state(self) -> str:
         """State in a word: starting, compiling, warm-up, running, stopping, or how the run ended."""
         if self.alive:
-            return "stopping" if self.stopping else self.sight.phase if self.sight else "starting"
+            return "stopping" if self.stopping else self.phase
         status = str(self.result.get("status") or "failed")
         if status in ("running", KILLED):  # the file of a run that was killed still says "running"
             return "running" if self.elsewhere else "interrupted"
@@ -190,6 +190,11 @@ class Run:
         except OSError:
             return []
         return [visible(line) for line in text.splitlines() if line.strip()][-MOST_LINES:]
+
+    @property
+    def phase(self) -> str:
+        """Phase of the run that goes on: starting, compiling, warm-up or running."""
+        return self.sight.phase if self.sight is not None else "starting"
 
     @property
     def done(self) -> float:
