@@ -14,4 +14,5 @@ MAY_IMPORT = (
     "report",
     "results",
     "scenario",
+    "studies",
 )

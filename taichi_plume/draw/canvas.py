@@ -84,15 +84,20 @@ LAYERS: dict[str, tuple[str, str, dict[str, Any]]] = {
 
 
 class Canvas:
-    """A figure of one plane. `show` draws objects, `show_run` the state of a run below them."""
+    """A figure of one plane. `show` draws objects, `show_run` the state of a run below them.
 
-    def __init__(self, plane: Plane):
-        self.plane = plane
+    leader: another canvas, whose ranges and whose scale of the wind this one has, to be compared with it.
+    """
+
+    def __init__(self, plane: Plane, leader: "Canvas | None" = None):
+        self.plane, self.leader = plane, leader
+        x_range = leader.figure.x_range if leader is not None else Range1d(start=-0.3, end=4.3)
+        y_range = leader.figure.y_range if leader is not None else Range1d(start=-0.3, end=3.3)
         self.figure = figure(
-            x_range=Range1d(start=-0.3, end=4.3), y_range=Range1d(start=-0.3, end=3.3), tools="", toolbar_location=None,
+            x_range=x_range, y_range=y_range, tools="", toolbar_location=None,
             sizing_mode="stretch_both", min_border_left=60, min_border_bottom=50, min_border_top=10,
             min_border_right=10, output_backend="canvas", x_axis_label=f"{'xyz'[plane[0]]} [m]",
-            y_axis_label=f"{'xyz'[plane[1]]} [m]", name="above" if plane == ABOVE else "side",
+            y_axis_label=f"{'xyz'[plane[1]]} [m]", name="beside" if leader else "above" if plane == ABOVE else "side",
         )  # fmt: skip
         self.figure.context_menu = None  # the page has its own
         wheel = WheelZoomTool()
@@ -102,9 +107,11 @@ class Canvas:
         self.room: tuple[float, ...] | None = None
         self._fitted = USUAL_SIZE
         self.sight: Instant | None = None
+        self.arrow = 0.0
+        """Length of the lines of the wind [m per m/s]."""
         self.faded: frozenset[str] = frozenset()
         """Paths of objects that the room of the run that is seen lacks, or has otherwise."""
-        self._beside: tuple[Scene | None, Scene | None, Picture | None] = (None, None, None)
+        self._beside: tuple[object, ...] = (None, None, None, None)
         for name in ("inner_width", "inner_height"):
             self.figure.on_change(name, lambda _attr, _old, _new: self._resized())
         self._style()
@@ -119,7 +126,7 @@ class Canvas:
             "x", "y", source=self.sources["marks"], text_color="#ffffff", text_baseline="middle",
             text_font_style="bold", **TEXT,
         )  # fmt: skip
-        self.sources["image"].name = "gas" if plane == ABOVE else None
+        self.sources["image"].name = None if leader or plane != ABOVE else "gas"
         self.note = Label(
             x=6, y=6, x_units="screen", y_units="screen", text="", text_color=UNLIKELY, text_font=FONT,
             text_font_size="12px", background_fill_color="#ffffff", background_fill_alpha=0.9,
@@ -149,6 +156,7 @@ class Canvas:
             axis.axis_label_text_font = axis.major_label_text_font = FONT
             axis.axis_label_text_font_style = "normal"
             axis.axis_line_color = axis.minor_tick_line_color = None
+        plot.title.text_font = FONT
         self.paint(False)
 
     def paint(self, dark: bool) -> None:
@@ -160,7 +168,7 @@ class Canvas:
             else ("#e9edf1", "#f3f5f7", "#c5cdd6", "#586473")
         )
         plot.background_fill_color, plot.border_fill_color = desk, paper
-        plot.grid.grid_line_color = lines
+        plot.grid.grid_line_color, plot.title.text_color = lines, letters
         for axis in plot.axis:
             axis.axis_label_text_color = axis.major_label_text_color = letters
             axis.major_tick_line_color = lines
@@ -296,7 +304,7 @@ class Canvas:
 
     def fit(self) -> None:
         """Show the whole room, at the same scale along both axes."""
-        if self.room is None:
+        if self.room is None or self.leader is not None:
             return
         sides, pixels = [self.room[d] for d in self.plane], self.pixels
         self._fitted = pixels
@@ -344,7 +352,7 @@ class Canvas:
         of: objects of the run's text, present: of the drawn text; picture: that is shown. Picture, wind and robots are
         seen from above alone. A walker's start is drawn otherwise by `show` while a run is seen.
         """
-        beside = (of, present, picture)
+        beside = (of, present, picture, self.leader and self.leader.arrow)
         if sight is self.sight and all(a is b for a, b in zip(beside, self._beside, strict=True)):
             return
         self.sight, self._beside = sight, beside
@@ -381,7 +389,9 @@ class Canvas:
         self._fill("image", [(_colors(picture), 0.0, 0.0, width, height)] if picture is not None else [])
         self._show_scale(picture)
         x, y, u, v = sight.wind
-        half = 0.5 * ARROW * max(room[:2]) / max(float(np.hypot(u, v).max(initial=0.0)), 1e-9)
+        own = ARROW * max(room[:2]) / max(float(np.hypot(u, v).max(initial=0.0)), 1e-9)
+        self.arrow = self.leader.arrow if self.leader is not None else own
+        half = 0.5 * self.arrow
         self._fill("wind", np.transpose([x - half * u, y - half * v, x + half * u, y + half * v]))
         x, y, heading = sight.robots
         colors, reach = [theme.robot(n) for n in range(len(x))], 0.03 * max(room[:2])

@@ -37,6 +37,7 @@ from taichi_plume.draw.form_panel import FormPanel
 from taichi_plume.draw.parts import Point, pair
 from taichi_plume.draw.pointer import Pointer
 from taichi_plume.draw.run_panel import RunPanel
+from taichi_plume.draw.runs import Run
 from taichi_plume.draw.time_bar import TimeBar
 from taichi_plume.draw.workplace import FileChangedError, Workplace
 from taichi_plume.guard.input_error import InputError
@@ -108,7 +109,7 @@ class Page:
         return self.seen.value.startswith("hidden")
 
     def _seen(self, state: str) -> None:
-        for canvas in self.canvases.values():
+        for canvas in (*self.canvases.values(), self.runs.beside):
             canvas.paint(state.endswith("dark"))
         if not self.hidden:
             self._catch_up()
@@ -128,7 +129,7 @@ class Page:
             self._button("⟳ 15°", lambda: self.turn(-15), 60),
             self._button("Delete", self.delete, 70),
         ]
-        run = self._button("▶ Run", self._run, 90)
+        run = self._button("▶ Run", self.run, 90)
         run.update(button_type="success", name="run")
         links = (
             '<a href="share/room.yaml">YAML</a> &nbsp; <a href="share/room.png" target="_blank">picture</a>'
@@ -154,7 +155,9 @@ class Page:
         above, side = self.canvases[ABOVE].figure, self.canvases[SIDE].figure
         side.update(height=190, sizing_mode="stretch_width")
         views = column(
-            self.files.layout, self.question, self.message, above, side, self.time.layout, self.hint, self.size,
+            self.files.layout, self.question, self.message,
+            row(above, self.runs.beside.figure, sizing_mode="stretch_both"), row(side, sizing_mode="stretch_width"),
+            self.time.layout, self.hint, self.size,
             sizing_mode="stretch_both",
         )  # fmt: skip
         self.text = TextAreaInput(
@@ -442,18 +445,19 @@ class Page:
     def _offer_reload(self) -> None:
         self.ask("Take the file's text instead? Undo returns to the present one.", self.workplace.reload)
 
-    def _run(self) -> None:
+    def run(self, kind: type[Run] = Run) -> None:
+        """Start a run of the text, or Repeats; ask first if another one goes on."""
         alive = [str(run.number) for run in self.workplace.runs if run.alive]
         if alive:
-            self.ask(f"Run {', '.join(alive)} goes on. Start another one beside?", self._start)
+            self.ask(f"Run {', '.join(alive)} goes on. Start another one beside?", lambda: self._start(kind))
         else:
-            self._start()
+            self._start(kind)
 
-    def _start(self) -> None:
+    def _start(self, kind: type[Run]) -> None:
         self.tabs.active = 3
         self.choose("")  # handles would lie on the picture of the run
         self.time.choose(None)
-        self.runs.start(self.workplace.text)
+        self.runs.start(self.workplace.text, kind=kind)
 
     def _act(self, words: str) -> None:
         """Carry out what a key or a link of the page means."""
@@ -539,6 +543,7 @@ class Page:
         for canvas in self.canvases.values():
             canvas.faded = now[1]
             canvas.show_run(sight, of, self.scene, f"run {self.runs.number}", self.runs.picture)
+        self.runs.show_beside()
         if now != before:
             self._show_remarks()  # walkers, and what has changed, are drawn otherwise while a run is seen
 

@@ -1,11 +1,16 @@
-"""Moments of a run from the files in its folder, in the form in which `latest_instant` has the last one."""
+"""Moments of a run from the files in its folder, in the form in which `latest_instant` has the last one.
 
+Gas maps are in the folder as they were at the end of the run alone, and are shown at all times with that time.
+"""
+
+import json
 from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from taichi_plume.execution.latest_instant import Instant, Picture
+from taichi_plume.execution.summary import map_names
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.observed.scales import Scale
 from taichi_plume.results import pictures
@@ -35,7 +40,7 @@ class Past:
         end = self.run.scenario.duration
         return Instant(
             t, end, min(1.0, max(0.0, t / end)), 0.0, "warm-up" if t < 0 else "running", self._wind(t),
-            self._robots(t), self.readings, self._pictures(t), [_way(each, t) for each in self.tracks],
+            self._robots(t), self.readings, self._pictures(t) | self.maps, [_way(each, t) for each in self.tracks],
         )  # fmt: skip
 
     def _pictures(self, t: float) -> dict[str, Picture]:
@@ -47,6 +52,30 @@ class Past:
             found[str(name)] = Picture(
                 about["quantity"], about["units"], Scale.of(about), about["cell"][0], values
             )
+        return found
+
+    @cached_property
+    def maps(self) -> dict[str, Picture]:
+        """Gas maps of the first trial at the end: the estimate and, if the method has one, its standard deviation.
+
+        Both in ppm, in the colours of the gas; without maps, or if they cannot be read, there are none.
+        """
+        try:
+            stored = self.run.maps if self.run.has("maps.zarr") else []
+        except InputError:
+            return {}
+        scale, found = Scale(*self.run.scenario.recording.range_ppm, "log"), {}
+        for n, (name, of) in enumerate(zip(map_names([each.attrs for each in stored]), stored, strict=True)):
+            groups = json.loads(of.attrs["groups"])
+            for k, group in enumerate(groups):
+                whose = f"{name}, {', '.join(group['names'])}" if len(groups) > 1 else name
+                at, cell = f"at the end, {of.attrs['t_s']:g} s", float(of.x.values[0]) * 2
+                estimate = of.estimate.values[group["first_trial"]]
+                found[f"map_{n}_{k}"] = Picture(f"{whose} {at}", "ppm", scale, cell, estimate)
+                if "variance" in of:
+                    deviation = np.sqrt(of.variance.values[group["first_trial"]])
+                    quantity = f"standard deviation of {whose} {at}"
+                    found[f"deviation_{n}_{k}"] = Picture(quantity, "ppm", scale, cell, deviation)
         return found
 
     def _wind(self, t: float) -> np.ndarray:

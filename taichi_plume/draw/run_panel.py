@@ -5,25 +5,51 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from bokeh.layouts import column, row
-from bokeh.models import Button, ColumnDataSource, Div, InlineStyleSheet, Select, Span
+from bokeh.models import (
+    Button,
+    ColumnDataSource,
+    DataTable,
+    Div,
+    HTMLTemplateFormatter,
+    InlineStyleSheet,
+    Select,
+    Span,
+    StringFormatter,
+    TableColumn,
+    TextInput,
+    Toggle,
+)
 from bokeh.plotting import figure
 
+from taichi_plume.draw.canvas import Canvas
 from taichi_plume.draw.document import data_of
-from taichi_plume.draw.objects import named, names
+from taichi_plume.draw.objects import Scene, named, names
+from taichi_plume.draw.repeats import COUNT, Repeats
 from taichi_plume.draw.runs import LISTED, Run
 from taichi_plume.execution.latest_instant import Instant, Picture
 from taichi_plume.observed.scales import Scale
 from taichi_plume.report import theme
+from taichi_plume.report.theme import ABOVE
 
 if TYPE_CHECKING:
     from taichi_plume.draw.page import Page
 
 DECADES = Scale(-2.0, 2.0, "linear")  # of a ratio of concentrations
-ENDED = ("completed", "stopped")
-"""States of runs that have come to their end; a run stops early if its robots are done."""
-CELL = "text-align:left;vertical-align:top;padding:3px 8px 3px 0;border-bottom:1px solid #e3e7eb"
+LOOKS = {
+    "source found": ("✓ ", "good"), "completed": ("", ""), "ended early": ("", ""), "interrupted": ("■ ", "odd"),
+    "failed": ("✗ ", "bad"), "unstable": ("✗ ", "bad"), "disk_full": ("✗ ", "bad"),
+}  # fmt: skip
+"""Mark of a run by how it ended, and its class in the style sheet; of one that goes on: GOING."""
+GOING = ("", "going")
+COLUMNS = {"run": 34, "name": 120, "state": 115, "found": 170, "changed": 200, "simulated": 65, "took": 45}
+"""Columns of the list and their widths [pixels]."""
+ROW = 26  # pixels
 WHOLE = ".bk-clearfix { width: 100%; height: 100%; }"
+DIFFERENCE, BESIDE = "difference", "side by side"
 FRAME = "width:100%;height:calc(100vh - 150px);border:1px solid #c9d1d9;background:#fff"
+
+
+Pair = tuple[Picture | None, Picture | None]
 
 
 class RunPanel:
@@ -31,13 +57,20 @@ class RunPanel:
 
     def __init__(self, page: "Page"):
         self.page, self.number = page, 0
-        self._shown: tuple[Instant | None, Run | None] = None, None
+        self._shown: tuple[Instant | None, Run | None, Run | None] = None, None, None
         self._drawn: dict[str, np.ndarray | None] = {}  # readings of the curves' sources
-        self._pair: tuple[Instant | None, Instant | None, Picture | None] = None, None, None
+        self._pair: tuple[tuple[object, ...], Pair] = (), (None, None)
+        self.beside = Canvas(ABOVE, page.canvases[ABOVE])  # the compared run
+        self.beside.figure.visible = False
+        self._room: Scene | None = None  # that is drawn there
+        self._listed: list[int] = []  # numbers of the runs in the table
+        self._marking = False  # name and pin of another run are being shown
         self._frames: tuple[int, bool] = (0, False)
         self.stop = Button(label="■ Stop", width=80, disabled=True, name="stop")
         self.stop.on_click(self._stop)
-        self.progress = Div(width=300, name="progress")
+        self.repeat = Button(label=f"▶ Run with {COUNT} seeds", width=150, name="repeat")
+        self.repeat.on_click(lambda: page.run(Repeats))
+        self.progress = Div(sizing_mode="stretch_width", name="progress")
         self.output = Div(width=400, name="output")
         self.links = Div(width=400, name="links")
         self.curves = ColumnDataSource({"xs": [], "ys": [], "color": []})
@@ -53,21 +86,38 @@ class RunPanel:
         self.now = Span(dimension="height", location=0.0, visible=False, line_color=theme.FAINT)
         self.plot.add_layout(self.now)
         self.plot.axis.axis_label_text_font_style = "normal"
-        self.shown = Select(title="shown run", width=120, visible=False, name="shown")
-        self.shown.on_change("value", lambda _attr, _old, new: self._chosen(new))
-        self.quantity = Select(title="shown quantity", width=200, visible=False, name="quantity")
+        self.quantity = Select(title="shown quantity", width=330, visible=False, name="quantity")
         self.quantity.on_change("value", lambda _attr, _old, _new: page.look())
-        self.other = Select(title="compared with", width=150, visible=False, name="other")
+        self.other = Select(title="compared with", width=200, visible=False, name="other")
         self.other.on_change("value", lambda _attr, _old, _new: page.look())
+        self.way = Select(title="as", width=120, options=[DIFFERENCE, BESIDE], value=DIFFERENCE, name="way")
+        self.way.on_change("value", lambda _attr, _old, _new: page.look())
         self.take = Button(label="Take its room", width=110, name="take")
         self.take.on_click(self._take)
         self.remove = Button(label="Delete run", width=95, name="remove")
         self.remove.on_click(self._remove)
-        self.table = Div(width=410, name="runs")
+        self.title = TextInput(title="name of the run", width=180, name="title")
+        self.title.on_change("value", lambda _attr, _old, new: self._mark(new, self.pin.active))
+        self.pin = Toggle(label="★ Pin", width=75, align="end", name="pin")
+        self.pin.on_change("active", lambda _attr, _old, new: self._mark(self.title.value, bool(new)))
+        self.rows = ColumnDataSource({key: [] for key in (*COLUMNS, "look")}, name="rows")
+        self.rows.selected.on_change("indices", lambda _attr, _old, new: self._clicked(new))
+        words = HTMLTemplateFormatter(template='<b class="<%- look %>"><%- value %></b>')  # both escaped
+        columns = [
+            TableColumn(
+                field=key, title=key, width=width, formatter=words if key == "state" else StringFormatter()
+            )
+            for key, width in COLUMNS.items()
+        ]
+        self.table = DataTable(
+            source=self.rows, columns=columns, sizing_mode="stretch_width", autosize_mode="none", index_position=None,
+            row_height=ROW, name="runs", visible=False,
+        )  # fmt: skip
         self.layout = column(
-            row(self.stop, self.progress), self.plot, self.links, self.output,
-            row(self.shown, self.other, self.quantity), row(self.take, self.remove), self.table,
-            sizing_mode="stretch_height", styles={"overflow-y": "auto"},
+            self.table, row(self.stop, self.progress, sizing_mode="stretch_width"), self.output, self.links,
+            row(self.title, self.pin), self.quantity, row(self.other, self.way), self.plot,
+            row(self.take, self.remove), self.repeat,
+            sizing_mode="stretch_both", css_classes=["scrolls"],
         )  # fmt: skip
         first = "<p>Run the scenario first.</p>"
         style: list[Any] = [InlineStyleSheet(css=WHOLE)]
@@ -92,23 +142,34 @@ class RunPanel:
 
     @property
     def picture(self) -> Picture | None:
-        """Picture of the chosen quantity at that moment, the first by default; None without `sight`."""
+        """Picture of the shown run, or its difference from the compared run; None without `sight`."""
+        return self._pictures()[0]
+
+    @property
+    def other_sight(self) -> Instant | None:
+        """State of the compared run at the time of `sight`; None without either."""
         sight, other = self.sight, self.compared
+        return other.moment(sight.t) if sight is not None and other is not None else None
+
+    def _pictures(self) -> Pair:
+        """Return pictures of the chosen quantity, by default the first, of the shown and of the compared run.
+
+        The second has the colours of the first. Shown as a difference, the first is the difference.
+        """
+        sight, other, moment = self.sight, self.compared, self.other_sight
         pictures = sight.pictures if sight is not None else {}
         name = str(self.quantity.value) if self.quantity.value in pictures else next(iter(pictures), "")
-        if sight is None or other is None or name not in pictures:
-            return pictures.get(name)
-        moment = other.moment(sight.t)
-        there = moment.pictures.get(name) if moment is not None else None
-        if there is None or there.values.shape != pictures[name].values.shape:
-            return pictures[name]
-        if sight is not self._pair[0] or moment is not self._pair[1]:
-            self._pair = (
-                sight,
-                moment,
-                difference(pictures[name], there, f"run {self.number}", f"run {other.number}"),
-            )
-        return self._pair[2]
+        a, b = pictures.get(name), moment.pictures.get(name) if moment is not None else None
+        key = (a, b, self.way.value)
+        if len(self._pair[0]) == len(key) and all(x is y for x, y in zip(key, self._pair[0], strict=True)):
+            return self._pair[1]
+        if a is not None and b is not None and other is not None:
+            if self.way.value == BESIDE:
+                b = b._replace(scale=a.scale)
+            elif a.values.shape == b.values.shape:
+                a = difference(a, b, f"run {self.number}", f"run {other.number}")
+        self._pair = key, (a, b)
+        return self._pair[1]
 
     @property
     def compared(self) -> Run | None:
@@ -118,11 +179,11 @@ class RunPanel:
 
     # ---------------------------------------------------------------- run and stop
 
-    def start(self, text: str, agreed: frozenset[str] = frozenset()) -> None:
+    def start(self, text: str, agreed: frozenset[str] = frozenset(), kind: type[Run] = Run) -> None:
         """Start a run of a text once the user has agreed to each of its Python files, by the SHA-256 of the file.
 
         The question has the words of the command. The run's process executes these files only if they still have this
-        SHA-256.
+        SHA-256. kind: Run, or Repeats for runs with several seeds.
         """
         page, work = self.page, self.page.workplace
         findings = work.check(text)[1]
@@ -130,12 +191,19 @@ class RunPanel:
         if not findings.sound:
             page.say("the scenario has errors; see Remarks")
             return
+        data = data_of(text)
+        if kind is Repeats and not (data.get("robots") or data.get("gas")):
+            page.say("the room has neither robots nor gas: its runs have no result to be repeated")
+            return
         digests = frozenset(findings.code.values())
+        if kind is Repeats and digests and not work.allow_code:
+            page.say("the room names Python code: runs with several seeds need `draw --allow-code`")
+            return
         if not work.allow_code and not digests <= agreed:
             words = named(" ".join([*findings.code, "Run it?"]), names(data_of(text)))
             page.ask(words, lambda: self.start(text, digests), lambda: page.say("not run"))
             return
-        run = page.tried(lambda: work.run(text, agreed))
+        run = page.tried(lambda: work.run(text, agreed, kind))
         if run is not None:
             self.number = run.number
         page.look()
@@ -171,25 +239,48 @@ class RunPanel:
         self._show_progress(run)
         seen = self.sight or run.sight
         self._show_clock(seen)
-        if seen is not self._shown[0] or self.compared is not self._shown[1]:
-            self._shown = seen, self.compared
+        shown = seen, run, self.compared
+        if any(a is not b for a, b in zip(shown, self._shown, strict=True)):
+            self._shown = shown
             self._show_readings(seen)
             self._show_quantities(seen)
-        as_asked = run.alive or run.state in ENDED or run.stopping
-        lines = [] if as_asked or run.scene is None else map(run.scene.named, run.output)
-        self.output.text = "".join(f"<div style='color:#d32f2f'>{escape(line)}</div>" for line in lines)
+        failed = LOOKS.get(run.words, GOING)[1] == "bad"
+        lines = [line for line in run.output if line != run.why] if failed else []
+        self.output.visible = bool(lines)
+        self.output.text = "".join(f"<div>{escape(run.scene.named(line))}</div>" for line in lines)
         self._show_frames(run)
 
+    def show_beside(self) -> None:
+        """Show the compared run in a view beside, at the same time and on the same scales, if that is chosen."""
+        other, seen = self.compared, self.other_sight
+        self.way.visible = other is not None
+        there = self.way.value == BESIDE and other is not None and seen is not None
+        self.beside.figure.visible = there
+        title: Any = self.page.canvases[ABOVE].figure.title
+        title.text = f"run {self.number}" if there else ""
+        if other is None or seen is None or not there:
+            return
+        self.beside.show_run(seen, other.scene, other.scene, "", self._pictures()[1])
+        if self._room is not other.scene:
+            self._room = other.scene
+            self.beside.show(other.scene)
+        title = self.beside.figure.title
+        title.text = f"run {other.number}"
+        if self.sight is not None and seen.t < self.sight.t - max(1.0, 0.05 * seen.end):
+            title.text += f", at its last moment, {seen.t:.1f} s"
+
     def _show_progress(self, run: Run) -> None:
-        sight, left = run.sight, run.left
-        done = sight.done if sight is not None else 0.0
-        current = run.alive or run.state in ENDED  # a run that is interrupted writes no last state
-        clock = f"{sight.t:.1f} of {sight.end:g} s" if sight is not None and current else ""
+        left, clock = run.left, run.clock if run.alive else ""
         remaining = f", about {left:.0f} s left" if left is not None else ""
-        bar = f"<progress max='1' value='{done:.3f}' style='width:120px'></progress>" if run.alive else ""
-        why = str(run.result.get("message", "")) if run.state == "stopped" else ""
-        words = f"{run.words}: {why}" if why else f"{run.words} {clock}{remaining}"
-        self.progress.text = f"{bar} <b>run {run.number}</b> {escape(words)}"
+        bar = f"<progress max='1' value='{run.done:.3f}' style='width:120px'></progress>" if run.alive else ""
+        (mark, look), why = LOOKS.get(run.words, GOING), run.scene.named(run.why)
+        state = f"<b class='{look}'>{mark}{escape(run.words.replace('_', ' '))}</b>"
+        text = (
+            f"{bar} <b>run {run.number}</b> {state}{': ' * bool(why)}{escape(why or f' {clock}{remaining}')}"
+        )
+        self.progress.text = "".join(
+            f"<div>{line}</div>" for line in [text, *map(escape, run.found(full=True))]
+        )
 
     def _show_clock(self, seen: Instant | None) -> None:
         self.now.visible = self.page.time.t is not None and seen is not None
@@ -209,6 +300,8 @@ class RunPanel:
                 "ys": readings,
                 "color": [theme.robot(n) for n in range(len(readings))],
             }
+        title: Any = self.plot.title
+        title.text = f"lines: run {self.number}, dashed: run {other.number}" if other is not None else ""
         self.plot.visible = bool(self.curves.data["xs"] or self.dashed.data["xs"])
 
     def _show_quantities(self, sight: Instant | None) -> None:
@@ -242,27 +335,55 @@ class RunPanel:
         self.recording.text = f'<iframe src="viewer/?run={run.number}" style="{FRAME}"></iframe>'
 
     def _show_list(self) -> None:
-        """Show the last runs beside each other, the newest first."""
-        runs = [run for run in reversed(self.page.workplace.runs) if not run.discarded][:LISTED]
-        rows = [run.row() for run in runs]
-        cells = [[f"<th style='{CELL}'>{key}</th>" for key in line] for line in rows[:1]]
-        cells += [[f"<td style='{CELL}'>{escape(text)}</td>" for text in line.values()] for line in rows]
-        lines = "".join(f"<tr>{''.join(line)}</tr>" for line in cells)
-        self.table.text = f"<table style='border-collapse:collapse;font-size:12px'>{lines}</table>"
-        options = [("0", "none"), *((str(run.number), f"{run.number}: {run.folder.name}") for run in runs)]
-        if self.shown.options != options or self.shown.value != str(self.number):
-            self.shown.update(options=options, value=str(self.number), visible=bool(runs))
-            others = [("", "none"), *(pair for pair in options[1:] if pair[0] != str(self.number))]
-            stays = self.other.value if self.other.value in dict(others) else ""
-            self.other.update(options=others, value=stays, visible=len(others) > 1 and self.number > 0)
-        self.take.visible = self.remove.visible = self.run is not None
-        self.remove.disabled = self.run is None or self.run.alive
+        """Show the pinned and then the last runs below each other, the newest first."""
+        runs = [run for run in reversed(self.page.workplace.runs) if not run.discarded]
+        pinned = [run for run in runs if run.pinned]
+        runs = pinned + [run for run in runs if not run.pinned][:LISTED]
+        rows = [run.row() | {"look": LOOKS.get(run.words, GOING)[1]} for run in runs]
+        for line in rows:
+            line["state"] = LOOKS.get(line["state"], GOING)[0] + line["state"].replace("_", " ")
+        listed = {key: [line[key] for line in rows] for key in (*COLUMNS, "look")}
+        if listed != self.rows.data:
+            self.rows.data = listed
+            self.table.tags = [
+                not any(self.table.tags)
+            ]  # a change of data of as many rows alone is not drawn
+        self._listed = [run.number for run in runs]
+        chosen = [n for n, number in enumerate(self._listed) if number == self.number]
+        if self.rows.selected.indices != chosen:
+            self.rows.selected.indices = chosen
+        self.table.update(height=ROW * (len(runs) + 1) + 22, visible=bool(runs))
+        others = [("", "none")]
+        others += [
+            (str(run.number), f"{run.number}: {run.name}") for run in runs if run.number != self.number
+        ]
+        stays = self.other.value if self.other.value in dict(others) else ""
+        self.other.update(options=others, value=stays, visible=len(others) > 1 and self.number > 0)
+        run = self.run
+        for part in (self.take, self.remove, self.title, self.pin):
+            part.visible = run is not None
+        if run is not None:
+            self._marking = True
+            self.title.update(value=run.label[0], placeholder=run.folder.name)
+            self.pin.active = run.pinned
+            self._marking = False
+            self.remove.disabled = run.alive or run.elsewhere or run.pinned
 
-    def _chosen(self, number: str) -> None:
-        if number.isdecimal() and int(number) != self.number:
-            self.number = int(number)
+    def _clicked(self, rows: list[int]) -> None:
+        if len(rows) == 1 and rows[0] < len(self._listed):
+            self.choose(self._listed[rows[0]])
+
+    def choose(self, number: int) -> None:
+        """Show another run: one that goes on at its latest moment, one that has ended at its last."""
+        if number != self.number:
+            self.number = number
             run = self.run
             self.page.time.choose(None if run is None or run.alive else run.recorded[1])
+
+    def _mark(self, name: str, pinned: bool) -> None:
+        run = self.run
+        if run is not None and not self._marking and (name.strip(), pinned) != run.label:
+            self.page.tried(lambda: self.page.workplace.mark(run, name, pinned))
 
 
 def difference(a: Picture, b: Picture, first: str, second: str) -> Picture:

@@ -1,5 +1,6 @@
 """A run: the command in a process of its own, which outlives page and server, or a folder of an earlier run."""
 
+import json
 import os
 import secrets
 import signal
@@ -22,7 +23,8 @@ from taichi_plume.execution.latest_instant import Instant, read
 from taichi_plume.execution.summary import ending, robots_found
 from taichi_plume.files import disk
 from taichi_plume.files.disk import written_whole
-from taichi_plume.files.run_folder import read_json
+from taichi_plume.files.own_folder import is_locked
+from taichi_plume.files.run_folder import KILLED, read_json
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.safe_open import read_regular
 from taichi_plume.guard.terminal import visible
@@ -35,15 +37,20 @@ if TYPE_CHECKING:
 
 MOST_LINES = 12  # of the command's output that are shown
 MOST_CHANGES = 3  # keys, in the list
-LISTED = 10  # runs
+LISTED = 10  # runs, beside those that are pinned
+LABEL = "draw.json"  # name and pin of a run, in its folder
+LONGEST_NAME = 60  # characters, of the name of a run
 MOST_BYTES = 1 << 27  # of the pictures of a run that goes on
 
 
 class Run:
     """A run, of the session or of an earlier one. number: from 1; folder: of its files; before: the previous run.
 
+    made_by: name of the file that a folder has from its start on.
     text: by default that of the folder's scenario, without defaults; scene: objects of the text, for all pages.
     """
+
+    made_by = "result.json"
 
     def __init__(
         self,
@@ -58,6 +65,7 @@ class Run:
         self.discarded = False
         self.notes: Path | None = None
         self.scenario: Path | None = None  # a copy of the text for the run alone
+        self._inputs: list[Path] = []
         self.process: subprocess.Popen[bytes] | None = None
         self.begun = time.monotonic()
         self.wall: float | None = None
@@ -66,6 +74,7 @@ class Run:
         self._moment: tuple[float, float, Instant] | None = None
         self._sights: list[Instant] = []  # of a run that goes on, without trails and readings
         self._result: Mapping[str, Any] | None = None
+        self._unwritten = False  # the label
 
     @cached_property
     def text(self) -> str:
@@ -92,6 +101,44 @@ class Run:
         """Whether the run was started in this session."""
         return self._text is not None
 
+    @cached_property
+    def label(self) -> tuple[str, bool]:
+        """Name that a user has given to the run, or "", and whether the run is pinned."""
+        content = read_json(self.folder / LABEL)
+        return visible(str(content.get("name", "")), LONGEST_NAME), content.get("pinned") is True
+
+    @property
+    def name(self) -> str:
+        """Name that a user has given to the run, else that of its folder."""
+        return self.label[0] or self.folder.name
+
+    @property
+    def pinned(self) -> bool:
+        """Whether the run stays in the list, and is not removed."""
+        return self.label[1]
+
+    def mark(self, name: str, pinned: bool) -> None:
+        """Give the run a name and pin it, or not, by a file in its folder once this is there. Raises InputError."""
+        self.label, self._unwritten = (visible(name.strip(), LONGEST_NAME), pinned), True
+        self._write_label()
+
+    def _write_label(self) -> None:
+        """Write the label, unless it is written, or the folder of the run is not made yet: a run takes an empty one."""
+        if not self._unwritten or not (self.folder / self.made_by).is_file() or self.folder.is_symlink():
+            return
+        name, pinned = self.label
+        try:
+            with written_whole(self.folder / LABEL) as fresh:
+                fresh.write_text(json.dumps({"name": name, "pinned": pinned}) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"{self.folder.name}: its name is not kept: {error.strerror or error}") from None
+        self._unwritten = False
+
+    @property
+    def elsewhere(self) -> bool:
+        """Whether another program is writing the run, which was not started in this session."""
+        return not self.begun_here and self.result.get("status") == "running" and is_locked(self.folder)
+
     @property
     def alive(self) -> bool:
         """Whether the run's process has not ended."""
@@ -101,14 +148,27 @@ class Run:
     def state(self) -> str:
         """State in a word: starting, compiling, warm-up, running, stopping, or how the run ended."""
         if self.alive:
-            return "stopping" if self.stopping else self.sight.phase if self.sight else "starting"
-        status = self.result.get("status")
-        return str(status) if status and status != "running" else "failed"
+            return "stopping" if self.stopping else self.phase
+        status = str(self.result.get("status") or "failed")
+        if status in ("running", KILLED):  # the file of a run that was killed still says "running"
+            return "running" if self.elsewhere else "interrupted"
+        return status
 
     @property
     def words(self) -> str:
         """State in words: "source found" or "ended early" of a run that ended before its duration."""
-        return ending(self.result) if self.state == "stopped" else self.state
+        return "running elsewhere" if self.elsewhere else ending({**self.result, "status": self.state})
+
+    @property
+    def why(self) -> str:
+        """Reason in a line why the run has ended, "" without one: of a failure, its error."""
+        if self.alive:
+            return ""
+        message, state = str(self.result.get("message") or ""), self.state
+        if not message and state == "interrupted" and self.past is not None:
+            message = f"computed until {self.recorded[1]:.1f} of {self.past.run.scenario.duration:g} s"
+        lines = [line for line in self.output if not line.startswith("note:")] if state == "failed" else []
+        return visible(message) or next(iter(lines), "")
 
     @property
     def result(self) -> Mapping[str, Any]:
@@ -116,7 +176,7 @@ class Run:
         if self._result is not None:
             return self._result
         content = read_json(self.folder / "result.json")
-        if self.wall is not None or not self.begun_here:
+        if self.wall is not None or (not self.begun_here and content.get("status") != "running"):
             self._result = content
         return content
 
@@ -130,6 +190,21 @@ class Run:
         except OSError:
             return []
         return [visible(line) for line in text.splitlines() if line.strip()][-MOST_LINES:]
+
+    @property
+    def phase(self) -> str:
+        """Phase of the run that goes on: starting, compiling, warm-up or running."""
+        return self.sight.phase if self.sight is not None else "starting"
+
+    @property
+    def done(self) -> float:
+        """Completed fraction."""
+        return self.sight.done if self.sight is not None else 0.0
+
+    @property
+    def clock(self) -> str:
+        """Progress in words, such as "3.2 of 10 s"."""
+        return f"{self.sight.t:.1f} of {self.sight.end:g} s" if self.sight is not None else ""
 
     @property
     def left(self) -> float | None:
@@ -146,21 +221,33 @@ class Run:
         """
         self.notes = Path(tempfile.mkdtemp(prefix="taichi_plume-draw-"))
         self.scenario = folder / f".{self.folder.name}.run-{secrets.token_hex(4)}.yaml"
-        command = [sys.executable, "-m", "taichi_plume.run", str(self.scenario), "--out", str(self.folder)]
-        command += ["--watch", str(self.notes / "watch.npz"), *flags]
+        command, texts = self._command(self.scenario)
+        self._inputs = list(texts)
+        command = [sys.executable, "-m", *command, *flags]
         own: dict[str, Any] = {"start_new_session": True}
         if os.name == "nt":
             own = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}  # pyright: ignore[reportAttributeAccessIssue]
         try:
-            with written_whole(self.scenario) as fresh:
-                fresh.write_bytes(self.text.encode("utf-8"))
+            for file, text in texts.items():
+                with written_whole(file) as fresh:
+                    fresh.write_bytes(text.encode("utf-8"))
             with (self.notes / "output.txt").open("wb") as file:
                 self.process = subprocess.Popen(
                     command, cwd=root, stdin=subprocess.DEVNULL, stdout=file, stderr=file, **own
                 )
         except OSError as error:
-            self.scenario.unlink(missing_ok=True)
+            self._remove_inputs()
             raise InputError(f"{error.filename or self.scenario}: {error.strerror or error}") from None
+
+    def _command(self, scenario: Path) -> tuple[list[str], dict[Path, str]]:
+        """Return module and arguments of the command, and the texts of the files that only this command reads."""
+        assert self.notes is not None
+        watch = ["--watch", str(self.notes / "watch.npz")]
+        return ["taichi_plume.run", str(scenario), "--out", str(self.folder), *watch], {scenario: self.text}
+
+    def _remove_inputs(self) -> None:
+        for file in self._inputs:
+            file.unlink(missing_ok=True)
 
     def stop(self) -> None:
         """Ask the run to end, as Ctrl-C does: its files are completed, and it can be resumed."""
@@ -174,10 +261,13 @@ class Run:
         sight = read(self.notes / "watch.npz") if self.notes is not None else None
         if sight is not None and (self.sight is None or sight.t != self.sight.t):
             self.see(sight)
+        with suppress(InputError):  # tried again
+            self._write_label()
         if not self.alive and self.wall is None:
             self.wall = time.monotonic() - self.begun
-            if self.scenario is not None:
-                self.scenario.unlink(missing_ok=True)
+            if self.sight is not None and self.past is not None:
+                self.sight = self.sight._replace(pictures=self.sight.pictures | self.past.maps)
+            self._remove_inputs()
 
     def see(self, sight: Instant) -> None:
         """Take the latest state; earlier ones stay to be looked at, every other one once they are too many."""
@@ -194,9 +284,13 @@ class Run:
         times = self.past.times if self.past is not None else np.empty(0)
         return (float(times[0]), float(times[-1])) if len(times) else (0.0, 0.0)
 
-    @cached_property
+    @property
     def past(self) -> "Past | None":
         """Recorded moments of the run, which has ended; None without such a record."""
+        return None if self.elsewhere else self._past
+
+    @cached_property
+    def _past(self) -> "Past | None":
         from taichi_plume.draw.past import Past  # imports xarray
 
         try:
@@ -225,40 +319,44 @@ class Run:
             if self.notes is not None:
                 disk.discard(self.notes)
 
-    def row(self) -> dict[str, str]:
-        """Return the run's row in the list of runs: texts by column."""
-        result, groups = self.result, self.result.get("groups") or []
+    def found(self, full: bool = False) -> list[str]:
+        """Return how many robots of each group found a source, such as "team: 1 of 2 robots, the first in 8 s".
+
+        full: as a sentence.
+        """
         found = []
-        for group in groups if not self.alive else ():
+        for group in (self.result.get("groups") or []) if not self.alive else ():
             if group.get("per_trial") and not group["no_search"]:
                 seconds = group["summary"]["time_s"]["mean"]
+                verb = " found the source" if full else ""
                 first = f", the first in {seconds:.0f} s" if seconds is not None else ""
-                found.append(f"{group['name']}: {robots_found(group)}{first}")
-        running = time.monotonic() - self.begun if self.process is not None else result.get("wall_s", 0.0)
-        wall = self.wall if self.wall is not None else running
+                found.append(f"{group['name']}: {robots_found(group)}{verb}{first}")
+        return found
+
+    def row(self) -> dict[str, str]:
+        """Return the run's row in the list of runs: texts by column."""
+        result = self.result
+        wall = self.wall if self.begun_here else result.get("wall_s")
         simulated = result.get("simulated_s") if not self.alive else None
         return {
             "run": str(self.number),
+            "name": "★ " * self.pinned + self.name,
             "state": self.words,
+            "found": "; ".join(self.found()),
             "changed": self.changes,
-            "found": "; ".join(found),
             "simulated": f"{simulated:.0f} s" if isinstance(simulated, int | float) else "",
-            "took": f"{wall:.0f} s",
-            "folder": self.folder.name,
+            "took": f"{wall:.0f} s" if isinstance(wall, int | float) else "",
         }
 
 
-def runs_in(above: Path) -> list[Run]:
-    """Return the runs whose folders lie in a folder, the oldest first, at most LISTED, the latest; no links."""
+def runs_in(above: Path) -> list[tuple[float, Path]]:
+    """Return times of change and paths of the folders in a folder that hold a run; no links."""
     found = []
     for folder in above.iterdir() if above.is_dir() and not above.is_symlink() else ():
         file = folder / "result.json"
         if not folder.is_symlink() and file.is_file() and (folder / "scenario.yaml").is_file():
             found.append((file.stat().st_mtime, folder))
-    runs: list[Run] = []
-    for n, (_, folder) in enumerate(sorted(found)[-LISTED:], 1):
-        runs.append(Run(n, folder, before=runs[-1] if runs else None))
-    return runs
+    return found
 
 
 def changes(before: str, after: str) -> str:

@@ -14,7 +14,8 @@ from taichi_plume.draw.drafts import Draft, Drafts
 from taichi_plume.draw.edits import BLANK
 from taichi_plume.draw.history import History
 from taichi_plume.draw.objects import Scene, scene, stamps
-from taichi_plume.draw.runs import Run, runs_in
+from taichi_plume.draw.repeats import Repeats, repeats_in
+from taichi_plume.draw.runs import LISTED, Run, runs_in
 from taichi_plume.files import bundled
 from taichi_plume.files.disk import written_whole
 from taichi_plume.guard.input_error import InputError
@@ -67,7 +68,8 @@ class Workplace:
         self.drafts = Drafts(self.file)
         for draft in [draft for draft in self.drafts.waiting if draft.text == self.text]:
             self.drafts.refuse(draft)  # saved just before a server was killed
-        self.runs = runs_in(self.root / "runs")
+        self.runs = self._earlier_runs()
+        self._elsewhere: list[Run] = []
         self.pages: list[Follower] = []
         self._scene: tuple[object, Scene] | None = None
         self.findings: Findings | None = None
@@ -241,9 +243,24 @@ class Workplace:
             self.history.put(draft.text)
         self._changed()
 
-    def run(self, text: str, agreed: Collection[str] = ()) -> Run:
-        """Start a run of a text. agreed: SHA-256 of the Python files that the user has allowed. Raises InputError."""
-        name, above = data_of(text).get("name", "run"), self.root / "runs"
+    def _earlier_runs(self) -> list[Run]:
+        """Return runs and repeats in the folder, the oldest first: the last, at most LISTED, and all pinned ones."""
+        found = [(time, folder, Run) for time, folder in runs_in(self.root / "runs")]
+        found += [(time, folder, Repeats) for time, folder in repeats_in(self.root / "studies")]
+        runs: list[Run] = []
+        for n, (_, folder, kind) in enumerate(sorted(found, key=lambda each: each[:2])):
+            run = kind(len(runs) + 1, folder, before=runs[-1] if runs else None)
+            if n >= len(found) - LISTED or run.pinned:
+                runs.append(run)
+        return runs
+
+    def run(self, text: str, agreed: Collection[str] = (), kind: type[Run] = Run) -> Run:
+        """Start a run of a text. agreed: SHA-256 of the Python files that the user has allowed. Raises InputError.
+
+        kind: Run, or Repeats for runs with several seeds.
+        """
+        name = data_of(text).get("name", "run")
+        above = self.root / ("studies" if kind is Repeats else "runs")
         name = name if isinstance(name, str) and name.replace("_", "").replace("-", "").isalnum() else "run"
         if not self.allow_outside and not inside(above, self.root):
             raise InputError(
@@ -254,7 +271,7 @@ class Workplace:
         folders = (above / f"{name}-{n}" for n in count(1))
         free = next(folder for folder in folders if folder not in taken and not os.path.lexists(folder))
         drawn = self.scene if text == self.text else scene(text, self.folder, self.allow_outside)
-        run = Run(len(self.runs) + 1, free, text, self.runs[-1] if self.runs else None, drawn)
+        run = kind(len(self.runs) + 1, free, text, self.runs[-1] if self.runs else None, drawn)
         flags = ["--allow-outside"] * self.allow_outside + ["--allow-code"] * self.allow_code
         run.start(self.folder, self.root, flags + [w for sha in agreed for w in ("--allow-sha256", sha)])
         self.runs.append(run)
@@ -266,9 +283,16 @@ class Workplace:
         run = self.runs[number - 1] if 1 <= number <= len(self.runs) else None
         return None if run is None or run.discarded else run
 
+    def mark(self, run: Run, name: str, pinned: bool) -> None:
+        """Give a run a name and pin it, or not; all pages follow. Raises InputError if that is not kept."""
+        try:
+            run.mark(name, pinned)
+        finally:
+            self._notify(runs_alone=True)
+
     def discard(self, run: Run) -> None:
         """Remove the folder of a run that has ended, and the run from the lists. Raises InputError."""
-        if run.alive or run.folder.is_symlink() or not inside(run.folder, self.root):
+        if run.alive or run.elsewhere or run.folder.is_symlink() or not inside(run.folder, self.root):
             raise InputError(
                 f"{run.folder.name}: is not removed: the run goes on, or its folder lies elsewhere"
             )
@@ -344,7 +368,9 @@ class Workplace:
         running = [run for run in self.runs if run.begun_here and run.wall is None]
         for run in running:
             run.poll()
-        if running:
+        elsewhere = [run for run in self.runs if run.elsewhere]
+        if running or elsewhere or self._elsewhere:
+            self._elsewhere = elsewhere
             self._notify(runs_alone=True)
 
     def _notify(self, runs_alone: bool = False) -> None:

@@ -59,6 +59,21 @@ class FolderLock:
                 self.path.unlink(missing_ok=True)
 
 
+def is_locked(folder: Path) -> bool:
+    """Return whether a process holds the lock of a folder; no lock file is made."""
+    import filelock
+
+    try:
+        if not _is_lock(folder / LOCK):
+            return False
+        with filelock.FileLock(folder / LOCK, timeout=0):
+            return False
+    except filelock.Timeout:
+        return True
+    except (OSError, NotImplementedError):  # there is no lock file, or the disk knows no locks
+        return False
+
+
 def _is_lock(path: Path) -> bool:
     """Return whether a file can be the lock file, which is truncated: an empty file without hard links."""
     about = os.lstat(path)

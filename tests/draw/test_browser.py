@@ -250,7 +250,9 @@ def test_two_runs_are_compared(visit, tmp_path):
     page = visit("room.yaml")
     for n in (1, 2):
         page.press("▶ Run")
-        page.until(lambda n=n: f"run {n}</b> completed" in page.text_of("progress"), 180)
+        page.until(
+            lambda n=n: all(word in page.text_of("progress") for word in (f"run {n}<", "completed")), 180
+        )
         if n == 1:
             page.changed(lambda: page.drag((1.5, 2.1), (1.5, 2.3)))
     page.choose("other", "1")

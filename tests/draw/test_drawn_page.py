@@ -438,12 +438,12 @@ def flags_of(code: str) -> list[str]:
 
 def test_own_code_is_run_after_the_question_of_the_command_alone(coded):
     page, started = coded
-    page._run()
+    page.run()
     assert not started
     assert "holds Python code, which will run with all your rights (SHA-256" in page.banner.text
     page._no()
     assert not started
-    page._run()
+    page.run()
     page._yes()
     assert started == [(page.workplace.text, flags_of(CODE))]
 
@@ -453,7 +453,7 @@ def test_a_text_that_changes_before_the_answer_is_not_run(coded, here):
     page, started = coded
     (page.workplace.folder / "other.py").write_text(CODE + "# other\n")
     asked = page.workplace.text
-    page._run()
+    page.run()
     editor = page if here else Page(Tab(), page.workplace)
     editor._typed(asked.replace("mine.py", "other.py"))
     page._yes()
@@ -463,7 +463,7 @@ def test_a_text_that_changes_before_the_answer_is_not_run(coded, here):
 
 def test_code_that_changes_before_the_answer_is_asked_about_again(coded):
     page, started = coded
-    page._run()
+    page.run()
     other = CODE + "# other\n"
     (page.workplace.folder / "mine.py").write_text(other)
     page._yes()
@@ -477,7 +477,7 @@ def test_questions_and_messages_name_the_objects_of_their_text(coded):
     page, _ = coded
     asked = page.workplace.text
     (name,) = {thing.name for thing in page.scene.things if thing.path == "robots[0]"}
-    page._run()
+    page.run()
     page._typed(asked.replace(name, "others"))
     (page.workplace.folder / "mine.py").write_text(CODE + "# other\n")
     assert page.scene.named("robots[0]") == "others"

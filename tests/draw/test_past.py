@@ -35,6 +35,7 @@ robots:
     start: {kind: positions, positions: [[1.6, 0.3], [1.6, 0.7]]}
     algorithm: {kind: casting}
 recording: {rate: 2, wind_rate: 1}
+maps: [{kind: kernel_dmv, cell: 0.2}, {kind: time_series, cell: 0.25}]
 """
 
 
@@ -83,6 +84,22 @@ def test_between_two_pictures_the_earlier_one_is_seen(ended):
         np.testing.assert_array_equal(found, wanted)
 
 
+@pytest.mark.slow
+def test_gas_maps_are_those_of_the_end(ended):
+    past, run = Past(ended / "runs/small-1"), tp.open_run(ended / "runs/small-1")
+    found = past.at(1.0).pictures
+    assert set(found) == {"gas_slice", "map_0_0", "deviation_0_0", "map_1_0"}
+    for n, cell in ((0, 0.2), (1, 0.25)):
+        shown, of = found[f"map_{n}_0"], run.maps[n]
+        np.testing.assert_array_equal(shown.values, of.estimate[0])
+        assert (shown.unit, shown.cell) == ("ppm", pytest.approx(cell))
+        assert shown.quantity.endswith("map at the end, 6 s")
+        assert shown.scale == found["gas_slice"].scale
+    deviation = found["deviation_0_0"]
+    assert deviation.values**2 == pytest.approx(run.maps[0].variance.values[0], rel=1e-5, nan_ok=True)
+    assert np.isfinite(deviation.values).any()
+
+
 def test_a_folder_without_a_run_is_one_line(tmp_path):
     with pytest.raises(InputError, match=r"^empty: shows no moments"):
         Past(tmp_path / "empty")
@@ -116,7 +133,7 @@ def shown(page) -> tuple[int, list[float]]:
 @pytest.mark.slow
 def test_the_slider_shows_moments_of_a_run_that_has_ended(ended):
     page = page_of(ended)
-    page.runs.shown.value = "1"
+    page.runs.choose(1)
     run = page.runs.run
     bar = page.time
     assert bar.layout.visible
@@ -144,7 +161,7 @@ def test_the_slider_shows_moments_of_a_run_that_has_ended(ended):
 @pytest.mark.slow
 def test_a_run_is_played_to_its_end(ended):
     page = page_of(ended)
-    page.runs.shown.value = "1"
+    page.runs.choose(1)
     page.time._play()
     seen = []
     for _ in range(1000):
@@ -193,12 +210,12 @@ def test_runs_of_the_folder_are_listed_compared_taken_and_deleted(two, tmp_path)
     shutil.copytree(two, tmp_path / "place")
     page = page_of(tmp_path / "place")
     assert [run.folder.name for run in page.workplace.runs] == ["small-1", "small-2"]
-    assert "small-2" in page.runs.table.text
+    assert page.runs.rows.data["name"] == ["small-2", "small-1"]
     page.workplace.watch()
     spent = tp.open_run(page.workplace.runs[0].folder).result["wall_s"]
     assert page.workplace.runs[0].row()["took"] == f"{spent:.0f} s", "not the time since the page was opened"
     assert page.workplace.runs[1].changes.endswith("rate: 5 mg/s → 50 mg/s")
-    page.runs.shown.value = "2"
+    page.runs.choose(2)
     page.time.choose(4.0)
     page.runs.other.value = "1"
     picture = page.runs.picture
@@ -219,10 +236,79 @@ def test_runs_of_the_folder_are_listed_compared_taken_and_deleted(two, tmp_path)
     assert "small-2" in page.banner.text
     page._yes()
     assert not (tmp_path / "place/runs/small-2").exists()
-    assert "small-2" not in page.runs.table.text
+    assert page.runs.rows.data["name"] == ["small-1"]
     assert page.workplace.run_of(2) is None
     assert (tmp_path / "place/runs/small-1").exists()
     assert len(page.workplace.runs) == 2, "numbers stay"
+
+
+@pytest.mark.slow
+def test_two_runs_are_seen_side_by_side_on_the_same_scales(two):
+    page = page_of(two)
+    above, beside = page.canvases[ABOVE], page.runs.beside
+    page.runs.choose(2)
+    page.time.choose(4.0)
+    page.runs.other.value = "1"
+    assert not beside.figure.visible
+    page.runs.way.value = "side by side"
+    assert beside.figure.visible
+    one, ten = (Past(run.folder).at(4.0) for run in page.workplace.runs)
+    for canvas, moment in ((above, ten), (beside, one)):
+        picture = canvas._beside[2]
+        np.testing.assert_array_equal(picture.values, moment.pictures["gas_slice"].values)
+        assert picture.scale == ten.pictures["gas_slice"].scale
+        assert canvas.bar.title.startswith("ethanol")
+        assert canvas.sources["robots"].data["x"] == pytest.approx(list(moment.robots[0]))
+        lines = canvas.sources["wind"].data
+        drawn = np.hypot(*(np.subtract(lines[f"{d}1"], lines[f"{d}0"]) for d in "xy"))
+        assert drawn == pytest.approx(above.arrow * np.hypot(*moment.wind[2:])), "m per m/s"
+    assert (beside.figure.x_range, beside.figure.y_range) == (above.figure.x_range, above.figure.y_range)
+    assert len(beside.sources["areas"].data["xs"]) == len(above.sources["areas"].data["xs"]) > 0, "its room"
+    assert (above.figure.title.text, beside.figure.title.text) == ("run 2", "run 1")
+    page.time.choose(2.0)
+    past = Past(page.workplace.runs[0].folder)
+    np.testing.assert_array_equal(
+        beside._beside[2].values, past.at(2.0).pictures["gas_slice"].values, "the slider moves both"
+    )
+    page.runs.other.value = ""
+    assert not beside.figure.visible
+    assert above.figure.title.text == ""
+
+
+def test_another_quantity_has_a_difference_of_its_own(tmp_path):
+    (tmp_path / "small.yaml").write_text(TEXT)
+    page = page_of(tmp_path)
+    for number in (1, 2):
+        run = Run(number, tmp_path / "runs", TEXT, scene=page.scene)
+        run.process = SimpleNamespace(poll=lambda: None)  # type: ignore[assignment]
+        page.workplace.runs.append(run)
+        run.see(sight_at(1.0))
+    page.look()
+    page.runs.other.value = "1"
+    assert page.runs.picture.unit == "decades"
+    page.runs.quantity.value = "temperature_slice"
+    assert page.runs.picture.unit == "K"
+
+
+@pytest.mark.slow
+def test_a_row_that_is_clicked_is_the_run_that_is_shown_named_and_pinned(two, tmp_path):
+    shutil.copytree(two, tmp_path / "place")
+    page = page_of(tmp_path / "place")
+    panel = page.runs
+    panel.rows.selected.indices = [1]
+    assert (panel.number, panel.title.placeholder) == (1, "small-1")
+    assert page.time.slider.value == 6.0
+    panel.title.value = "first"
+    panel.pin.active = True
+    assert panel.rows.data["name"] == ["★ first", "small-2"], "pinned runs come first"
+    assert panel.rows.selected.indices == [0]
+    assert panel.remove.disabled
+    panel.rows.selected.indices = [1]
+    assert (panel.number, panel.title.value, panel.pin.active) == (2, "", False)
+    assert [run.label for run in page.workplace.runs] == [("first", True), ("", False)], "each has its own"
+    assert not panel.remove.disabled
+    assert panel.rows.data["state"] == ["completed", "completed"]
+    assert Page(Clock(), Workplace(tmp_path / "place")).runs.rows.data["name"] == ["★ first", "small-2"]
 
 
 def test_no_run_is_removed_elsewhere(tmp_path):
@@ -241,17 +327,17 @@ def test_a_run_beside_another_is_asked_about(tmp_path, monkeypatch):
     (tmp_path / "small.yaml").write_text(TEXT)
     page = page_of(tmp_path)
     started = []
-    monkeypatch.setattr(page.runs, "start", started.append)
-    page._run()
+    monkeypatch.setattr(page.runs, "start", lambda text, kind: started.append(text))
+    page.run()
     assert started == [TEXT]
     run = Run(1, tmp_path / "runs", TEXT, scene=page.scene)
     run.process = SimpleNamespace(poll=lambda: None)  # type: ignore[assignment]
     page.workplace.runs.append(run)
-    page._run()
+    page.run()
     assert "Run 1 goes on" in page.banner.text
     assert len(started) == 1
     page._no()
     assert len(started) == 1
-    page._run()
+    page.run()
     page._yes()
     assert len(started) == 2

@@ -15,9 +15,11 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from taichi_plume.draw.runs import Run, changes
+from taichi_plume.draw.repeats import Repeats, seeds_of
+from taichi_plume.draw.runs import LISTED, Run, changes
 from taichi_plume.draw.workplace import Workplace
 from taichi_plume.execution import latest_instant
+from taichi_plume.execution.result import write_result
 from taichi_plume.guard.input_error import InputError
 
 TEXT = """\
@@ -99,6 +101,123 @@ def test_the_list_names_success_and_counts_robots(tmp_path, found, words):
     result["groups"][0]["per_trial"]["found"] = [found]
     run = Run(1, made_run.made(tmp_path / "run", model, recording=False, content=result), "")
     assert (run.row()["state"], run.row()["found"]) == (words, f"pair: {found} of 2 robots, the first in 8 s")
+
+
+def test_a_run_whose_file_says_running_is_interrupted_unless_its_folder_is_locked(tmp_path):
+    from taichi_plume.files.own_folder import FolderLock
+
+    model = made_run.scenario()
+    folder = made_run.made(tmp_path / "runs/one", model, content=made_run.result(model, status="running"))
+    work = place(tmp_path)
+    (run,) = work.runs
+    assert (run.state, run.words, run.elsewhere) == ("interrupted", "interrupted", False)
+    assert run.why == "computed until 10.0 of 10 s"
+    lock = FolderLock(folder)
+    assert (run.state, run.words, run.elsewhere) == ("running", "running elsewhere", True)
+    assert run.past is None
+    with pytest.raises(InputError, match=r"^one: is not removed"):
+        work.discard(run)
+    lock.release()
+    assert run.state == "interrupted"
+    write_result(folder, made_run.result(model, status="completed"))
+    assert run.state == "completed"
+    assert run.why == ""
+
+
+def test_name_and_pin_of_a_run_are_there_again_at_the_next_start(tmp_path):
+    model = made_run.scenario()
+    for n in range(LISTED + 2):
+        folder = made_run.made(tmp_path / f"runs/made-{n}", model, recording=False)
+        os.utime(folder / "result.json", (n, n))
+    assert len(place(tmp_path).runs) == LISTED
+    made_run.made(tmp_path / "elsewhere", model, recording=False)
+    early = Run(1, tmp_path / "runs/made-0")
+    before = {file.name: file.read_bytes() for file in early.folder.iterdir() if file.is_file()}
+    early.mark("  the\x1b good one ", True)
+    after = {file.name: file.read_bytes() for file in early.folder.iterdir() if file.is_file()}
+    assert after.keys() - before.keys() == {"draw.json"}
+    assert {name: after[name] for name in before} == before, "no file of the run changes"
+    runs = place(tmp_path).runs
+    assert [run.folder.name for run in runs] == ["made-0", *(f"made-{n}" for n in range(2, LISTED + 2))]
+    assert runs[0].pinned
+    assert "good one" in runs[0].name
+    assert "\x1b" not in runs[0].name
+    assert [run.name for run in runs[1:]] == [run.folder.name for run in runs[1:]]
+    runs[0].mark("", False)
+    assert [run.folder.name for run in place(tmp_path).runs] == [f"made-{n}" for n in range(2, LISTED + 2)]
+    for content in ("[]", "{", '{"name": 7, "pinned": "yes"}'):
+        (runs[0].folder / "draw.json").write_text(content)
+        assert not Run(1, runs[0].folder).pinned
+    victim = tmp_path / "victim"
+    victim.write_text("mine")
+    (runs[0].folder / "draw.json").unlink()
+    (runs[0].folder / "draw.json").symlink_to(victim)
+    runs[0].mark("other", True)
+    assert victim.read_text() == "mine"
+
+
+def test_a_run_that_is_not_there_yet_keeps_its_name_for_later(tmp_path):
+    run = Run(1, tmp_path / "later", TEXT)
+    run.mark("mine", False)
+    assert not run.folder.exists(), "a run takes no folder that holds files"
+    model = made_run.scenario()
+    made_run.made(run.folder, model, recording=False)
+    run.poll()
+    assert Run(1, run.folder).name == "mine"
+
+
+@pytest.mark.slow
+def test_a_room_is_run_with_five_seeds(tmp_path):
+    import taichi_plume as tp
+
+    work = place(tmp_path, TEXT + "seed: 3\n")
+    run = work.run(work.text, kind=Repeats)
+    assert run.folder == tmp_path / "studies/small-1"
+    run.mark("five", False)
+    ended(work, run)
+    assert run.state == "completed", run.output
+    assert [f.name for f in tmp_path.iterdir() if f.suffix == ".yaml"] == ["small.yaml"]
+    study = tp.open_study(run.folder)
+    assert study.runs()["seed"].tolist() == [3, 4, 5, 6, 7]
+    points = study.points()
+    assert run.found() == [f"team: success {study.by_points.brief()['success [%]'][0]}"]
+    words = (
+        f"team: success {points.success_words[0]}",
+        f"team: time with failures {points.time_with_failures_s_words[0]}",
+    )
+    assert tuple(run.found(full=True)) == words
+    assert "95 % interval" in words[0]
+    assert (run.recorded, run.moment(1.0)) == ((0.0, 0.0), None)
+    (again,) = place(tmp_path, TEXT + "seed: 3\n").runs
+    assert isinstance(again, Repeats)
+    assert (again.name, again.state, again.text, again.found()) == (
+        "five",
+        "completed",
+        work.text,
+        run.found(),
+    )
+
+
+@pytest.mark.slow
+def test_five_seeds_of_a_room_without_robots_have_its_gas_and_a_stop(tmp_path):
+    text = TEXT[: TEXT.index("robots:")].replace("continuous, diffusivity: 0.01", "eulerian")
+    work = place(tmp_path, text)
+    run = ended(work, work.run(text, kind=Repeats))
+    assert run.state == "completed", run.output
+    (words,) = run.found(full=True)
+    assert words.startswith("no robots; gas in the room at the end ")
+    assert "5 runs" in words
+    long = work.run(text.replace("duration: 6", "duration: 100000"), kind=Repeats)
+    until((long.folder / "study.json").is_file)
+    long.stop()
+    assert ended(work, long).state == "interrupted", long.output
+    assert long.why == "0 of 5 runs are done"
+
+
+def test_seeds_follow_that_of_the_room():
+    assert seeds_of("seed: 7") == [7, 8, 9, 10, 11]
+    assert seeds_of("name: a") == [0, 1, 2, 3, 4]
+    assert seeds_of("seed: 4294967295") == [4294967295, 0, 1, 2, 3]
 
 
 @pytest.mark.slow
