@@ -41,7 +41,7 @@ CHECKED = {
     "studies/workers.py: cores": "/sys",
     "files/disk.py: written_whole": "a file that it has created",
     "files/disk.py: remove": "a folder",
-    "cli/examples.py: copied": "a file of the package",
+    "files/bundled.py: copied": "a file of the package",
     "draw/workplace.py: discard": "removes a folder that is no link and lies in that of the command",
     "files/run_tables.py: _save": "a file that the run has created",
     "record/live.py: _fault": "a file in a temporary folder",

@@ -108,7 +108,7 @@ class Viewer(_Files):
 
 
 class Editor(_Files):
-    """Scripts of the editor Ace, from the package that brings them; the page does without where it is missing."""
+    """Scripts of the editor Ace, from the package that has them; without the package the page has a plain area."""
 
     async def get(self, name: str) -> None:
         if ACE is None:
@@ -117,7 +117,7 @@ class Editor(_Files):
 
 
 class Completions(_Files):
-    """What may stand at a place of a text, as Ace takes it; the text comes with the question, as it is in the editor."""
+    """What may stand at a place of a text, as Ace takes it; the editor sends its text."""
 
     async def post(self) -> None:
         index, text = self.get_query_argument("index", ""), self.request.body.decode("utf-8", "replace")

@@ -41,16 +41,16 @@ from taichi_plume.draw.runs import Run
 from taichi_plume.draw.time_bar import TimeBar
 from taichi_plume.draw.workplace import FileChangedError, Workplace
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.guard.yaml_text import LineError
+from taichi_plume.guard.yaml_text import LineError, read_text
 from taichi_plume.report.theme import ABOVE, SIDE
 
 FINEST = 0.01  # m: step of the arrow keys without a grid
 GAP = 30  # ms from one page that follows to the next, in which the server reads what users do
 ABOUT_NAME = "Another name saves the text as a new file"
 HERE = Path(__file__).parent
-STYLE, SCRIPT = (HERE.joinpath(name).read_text(encoding="utf-8") for name in ("style.css", "page.js"))
+STYLE, SCRIPT = (read_text(HERE / name) for name in ("style.css", "page.js"))
 HEAD = f"{{% block postamble %}}<style>{STYLE}</style>{{% endblock %}}"
-"""What the style sheet adds to Bokeh's template of the page."""
+"""Part of Bokeh's template of the page: the style sheet."""
 
 
 class Page:
@@ -291,8 +291,8 @@ class Page:
     def _summary(self, findings: Findings) -> str:
         """Return the line below the views as HTML: what is still to be drawn, the first error, or the size of a run."""
         errors = [remark.line for remark in findings.remarks if remark.is_error]
-        steps = first_steps.as_html(self.scene.data) if errors else ""
-        if steps:
+        lacks_alone = {remark.path for remark in findings.remarks if remark.is_error} == {"gas.sources"}
+        if lacks_alone and (steps := first_steps.as_html(self.scene.data)):
             return steps
         if errors:
             more = f" and {len(errors) - 1} more" * (len(errors) > 1)
@@ -501,7 +501,7 @@ class Page:
         title = self.titles[active]
         self.tabs.css_classes = ["side", "wide"] if title in ("3-D", "Report", "Recording") else ["side"]
         if title == "Recording":
-            self.runs.open()
+            self.runs.show_recording()
         elif title == "3-D":
             self._show_solid()
 

@@ -327,7 +327,7 @@ class RunPanel:
             links += f'<a href="{base}/run.zip">ZIP of run {run.number}</a>'
         self.links.text = links
 
-    def open(self) -> None:
+    def show_recording(self) -> None:
         """Load the recording in rerun's viewer, which is large: once its tab is opened."""
         run = self.run
         if run is None or not (run.folder / "recording.rrd").is_file() or run.alive:
