@@ -19,6 +19,7 @@ from taichi_plume.draw.document import (
     duplicate,
     parent_of,
     set_value,
+    set_values,
     value_at,
 )
 from taichi_plume.draw.objects import Scene, scene
@@ -57,12 +58,10 @@ def snapped(point: Point, step: float | None) -> Point:
 
 def with_values(text: str, path: str, values: Values) -> str:
     """Return the text with new values [SI] of keys of a section, each spelled as the old one where it changed."""
-    for key, new in values.items():
-        whole = f"{path}.{key}"
-        old = value_at(data_of(text), whole)
-        for where, value in differences(whole, old, new):
-            text = set_value(text, where, value)
-    return text
+    data, whole = data_of(text), {f"{path}.{key}": new for key, new in values.items()}
+    return set_values(
+        text, {at: v for key, new in whole.items() for at, v in differences(key, value_at(data, key), new)}
+    )
 
 
 def move_handle(text: str, of: Scene, path: str, handle: str, plane: Plane, to: Point) -> str:

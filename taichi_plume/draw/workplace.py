@@ -86,12 +86,12 @@ class Workplace:
         """
         key = self.text, stamps(self.text, self.folder)
         if self._scene is None or self._scene[0] != key:
+            last = self._scene[1] if self._scene is not None else None
             try:
                 data_of(self.text)
-                present = scene(self.text, self.folder, self.allow_outside)
+                present = scene(self.text, self.folder, self.allow_outside, last)
             except LineError:
-                last = self._scene[1] if self._scene is not None else Scene(self.text, {}, None, ())
-                present = replace(last, text=self.text)
+                present = replace(last or Scene(self.text, {}, None, ()), text=self.text)
             self._scene = key, present
         return self._scene[1]
 

@@ -177,33 +177,34 @@ def _fault(node: yaml.Node | yaml.Event, what: str) -> LineError:
 def _check_tree(root: yaml.Node, dates: bool) -> None:
     """Raise LineError for unknown tags, duplicate keys, recursive aliases, or aliases that expand too far."""
     sizes: dict[int, int] = {}
-    depths: dict[int, int] = {}
+    depths: dict[int, int] = {}  # of lists and mappings
     open_nodes: set[int] = set()
 
     def size(node: yaml.Node) -> int:
-        if id(node) in open_nodes:
+        key = id(node)
+        if key in sizes:
+            return sizes[key]
+        if key in open_nodes:
             raise _fault(node, "an alias contains itself")
-        if id(node) in sizes:
-            return sizes[id(node)]
         _check_kind(node, dates)
         if isinstance(node, yaml.ScalarNode):
             _check_scalar(node)
-            sizes[id(node)], depths[id(node)] = weight(node.value), 1
-            return sizes[id(node)]
-        open_nodes.add(id(node))
+            sizes[key] = weight(node.value)
+            return sizes[key]
+        open_nodes.add(key)
         if isinstance(node, yaml.MappingNode):
             _check_keys(node)
             parts = [part for pair in node.value for part in pair]
         else:
             parts = node.value
-        sizes[id(node)] = 1 + sum(size(part) for part in parts)
-        depths[id(node)] = 1 + max((depths[id(part)] for part in parts), default=0)
-        open_nodes.remove(id(node))
-        if sizes[id(node)] > MOST_VALUES:
+        sizes[key] = 1 + sum([size(part) for part in parts])
+        depths[key] = 1 + max([depths.get(id(part), 1) for part in parts], default=0)
+        open_nodes.remove(key)
+        if sizes[key] > MOST_VALUES:
             raise _fault(node, f"aliases expand to more than {MOST_VALUES:,} values; use fewer")
-        if depths[id(node)] > DEEPEST:
+        if depths[key] > DEEPEST:
             raise _fault(node, f"aliases nest it too deeply, more than {DEEPEST} levels")
-        return sizes[id(node)]
+        return sizes[key]
 
     size(root)
 
