@@ -315,8 +315,8 @@ Entry = tuple[str, str, str | None]
 def _unplaced(data: Mapping[str, Any]) -> Iterator[Entry]:
     """Yield the sections that have no position in the room, the experiment itself first."""
     yield "", "experiment", "experiment"
-    for key, field in Scenario.model_fields.items():
-        if key in ("domain", "arena", "obstacles", "robots") or not any(models_in(field)):
+    for key, about in Scenario.model_fields.items():
+        if key in ("domain", "arena", "obstacles", "robots") or not any(models_in(about)):
             continue
         items = data.get(key)
         if isinstance(items, list):
