@@ -31,6 +31,7 @@ USUAL_SIZE = (600.0, 450.0)  # pixels
 LABELS = 2.0  # pixels by which the figure's inner part may change without being fitted again
 ARROW = 0.05  # of the longer side: an arrow of the fastest wind
 FINE = 200  # pixels along the longer side of a picture, at least half of them
+DIGITS = 5  # of sent positions [m]
 SHORT = 500  # numbers of an array that is sent within a message
 FONT = "Helvetica, Arial, sans-serif"
 COORDINATES = ("x", "y", "x0", "y0", "x1", "y1", "xs", "ys", "dw", "dh", "width", "height", "image")
@@ -396,7 +397,8 @@ class Canvas:
 
 def _sent(value: Any) -> Any:
     """Return a value in the form in which it is sent: a short array as a list, not as a message of its own."""
-    return value.tolist() if isinstance(value, np.ndarray) and value.size <= SHORT else value
+    is_short = isinstance(value, np.ndarray) and value.size <= SHORT
+    return value.round(DIGITS).tolist() if is_short else value
 
 
 def _alike(a: Sequence[Any], b: Sequence[Any]) -> bool:

@@ -5,7 +5,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from bokeh.layouts import column, row
-from bokeh.models import Button, Div, Select, TextInput
+from bokeh.models import Button, Select, TextInput
 from bokeh.models.dom import HTML
 from bokeh.models.ui import Tooltip
 
@@ -13,6 +13,7 @@ from taichi_plume.draw import forms
 from taichi_plume.draw.checks import Remark
 from taichi_plume.draw.document import data_of, parent_of, value_at
 from taichi_plume.draw.objects import Scene
+from taichi_plume.draw.words import Words
 
 if TYPE_CHECKING:
     from taichi_plume.draw.page import Page
@@ -37,7 +38,7 @@ class FormPanel:
         self.sections.on_change("value", lambda _attr, _old, new: None if self._setting else page.choose(new))
         self.back = Button(label="‹ back", width=60, stylesheets=[COMPACT])
         self.back.on_click(self._go_back)
-        self.purpose = Div(width=WIDTH)
+        self.purpose = Words()
         self.rows = column(width=WIDTH)
         self.layout = column(
             row(self.back, self.sections), self.purpose, self.rows,

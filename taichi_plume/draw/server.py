@@ -6,6 +6,7 @@ import logging
 import re
 import secrets
 import socket
+import sys
 import traceback
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -31,7 +32,8 @@ from taichi_plume.record.live import LOOPBACK
 TOKEN_BYTES = 24
 UNUSED = 15_000  # ms until the page of a closed tab is forgotten
 PERIOD = 400  # ms between looks at the runs
-CHECKS = 40  # ms between looks at whether the text has to be checked
+CHECKS = 20  # ms between looks at whether the text has to be checked
+SWITCH = 1e-3  # s in which a check in another thread lets the pages go on
 LARGEST_MESSAGE = 64 << 20  # bytes, from a page: more than a file that a user brings, in base64
 
 
@@ -120,6 +122,7 @@ class Service:
         """Serve pages, once the loop runs."""
         self.log.take_over()
         gc.collect()
+        sys.setswitchinterval(SWITCH)
         gc.freeze()  # Bokeh collects garbage for each page that it forgets, which would search all modules
         self.server.start()
         for tick in self.ticks:

@@ -5,7 +5,9 @@ import shutil
 from collections.abc import Collection
 from dataclasses import replace
 from itertools import count
+from math import inf
 from pathlib import Path
+from time import perf_counter
 from typing import Protocol
 
 from taichi_plume.draw.checks import Findings, check
@@ -27,6 +29,7 @@ DRAWN = ("scenario", "live", "task")
 """Kinds of examples that can be drawn."""
 BROUGHT = (*ENDINGS, ".stl", ".obj", ".ply", ".png", ".pgm")
 """Endings of the files that a user may bring: scenarios, meshes, maps with their pictures."""
+QUICK = 0.04  # s: if the last check took less, a text is checked before it is shown
 MOST_BROUGHT = 40 << 20  # bytes
 
 
@@ -72,6 +75,7 @@ class Workplace:
         self._scene: tuple[object, Scene] | None = None
         self.findings: Findings | None = None
         self.checked: str | None = None
+        self._took = inf  # s, of the last check
 
     @property
     def text(self) -> str:
@@ -281,8 +285,10 @@ class Workplace:
 
     def check(self, text: str | None = None) -> tuple[str, Findings]:
         """Check a text, by default the present one; return the text and its findings. May run in another thread."""
-        text = self.text if text is None else text
-        return text, check(text, self.folder, self.allow_outside)
+        text, start = self.text if text is None else text, perf_counter()
+        findings = check(text, self.folder, self.allow_outside)
+        self._took = perf_counter() - start
+        return text, findings
 
     def found(self, text: str, findings: Findings) -> None:
         """Take the findings of a text, unless the text has changed since."""
@@ -337,6 +343,8 @@ class Workplace:
 
     def _changed(self) -> None:
         self.keep_draft()
+        if self._took < QUICK and self.checked != self.text:
+            self.checked, self.findings = self.check()
         self._notify()
 
     def watch(self) -> None:
