@@ -6,7 +6,8 @@ from taichi_plume.draw.document import EditError, delete, flow, set_value, value
 from taichi_plume.draw.objects import classes_at, model_at
 from taichi_plume.guard.yaml_text import LineError, parse
 from taichi_plume.scenario.changes import Data
-from taichi_plume.scenario.key_facts import facts, models_in, own_kind, purpose
+from taichi_plume.scenario.key_facts import facts, meanings, models_in, own_kind, purpose
+from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Model
 
 NOT_GIVEN = "(default)"
@@ -32,6 +33,18 @@ class Row:
     def label(self) -> str:
         """The key with its unit."""
         return f"{self.key} [{self.unit}]" if self.unit else self.key
+
+
+def prepare() -> None:
+    """Read the meanings of all keys of a scenario, which the first forms would wait for."""
+    waiting: list[type[Model]] = [Scenario]
+    models = set(waiting)
+    while waiting:
+        model = waiting.pop()
+        meanings(model)
+        inner = {part for field in model.model_fields.values() for part, _ in models_in(field)} - models
+        models |= inner
+        waiting += inner
 
 
 def title(data: Data, path: str) -> str:

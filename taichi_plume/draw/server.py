@@ -21,6 +21,7 @@ from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
 from tornado.netutil import bind_sockets
 
+from taichi_plume.draw import forms
 from taichi_plume.draw.access import Access, Answer, Protection
 from taichi_plume.draw.downloads import patterns
 from taichi_plume.draw.page import Page
@@ -124,6 +125,7 @@ class Service:
         gc.collect()
         sys.setswitchinterval(SWITCH)
         gc.freeze()  # Bokeh collects garbage for each page that it forgets, which would search all modules
+        self.pool.submit(forms.prepare)
         self.server.start()
         for tick in self.ticks:
             tick.start()
