@@ -8,6 +8,7 @@ from functools import partial
 from html import escape
 from json import dumps
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 from bokeh.document import Document
@@ -60,6 +61,7 @@ class Page:
         self.document, self.workplace = document, workplace
         self.chosen, self.scene = "", workplace.scene
         self._due: list[Callable[[], None]] = []
+        self._caught_up = monotonic()  # s, when the page followed last
         self.asked: Callable[[], None] | None = None
         self._left: Draft | None = None  # the draft that the standing question is about
         self._said, self._views = workplace.drafts.unreadable, 0
@@ -89,10 +91,15 @@ class Page:
         if work not in self._due:
             self._due.append(work)
         if is_first and not self.hidden:
-            self.document.add_timeout_callback(self._catch_up, GAP * (1 + self.workplace.pages.index(self)))
+            pages = self.workplace.pages
+            rest = GAP * len(pages) - 1e3 * (
+                monotonic() - self._caught_up
+            )  # all pages together: one in a gap
+            wait = max(GAP * (1 + pages.index(self)), round(rest))
+            self.document.add_timeout_callback(self._catch_up, wait)
 
     def _catch_up(self) -> None:
-        due, self._due = self._due, []
+        due, self._due, self._caught_up = self._due, [], monotonic()
         for work in due:
             work()
 
