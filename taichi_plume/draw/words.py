@@ -12,8 +12,9 @@ class Words(Local, Pane):
 
     __view_model__, __view_module__ = "Pane", "bokeh"  # to the browser
 
-    def __init__(self, name: str = "", **given: Any):
-        super().__init__(elements=[HTML(html="", name=name)], **given)
+    def __init__(self, name: str = "", styles: dict[str, str] | None = None, **given: Any):
+        whole: Any = {"margin": "0 5px"} | (styles or {})
+        super().__init__(elements=[HTML(html="", name=name)], styles=whole, **given)
 
     @property
     def text(self) -> str:
