@@ -31,6 +31,8 @@ USUAL_SIZE = (600.0, 450.0)  # pixels
 LABELS = 2.0  # pixels by which the figure's inner part may change without being fitted again
 ARROW = 0.05  # of the longer side: an arrow of the fastest wind
 FINE = 200  # pixels along the longer side of a picture, at least half of them
+DIGITS = 6  # of sent positions [m]
+SHORT = 500  # numbers of an array that is sent within a message
 FONT = "Helvetica, Arial, sans-serif"
 COORDINATES = ("x", "y", "x0", "y0", "x1", "y1", "xs", "ys", "dw", "dh", "width", "height", "image")
 View = tuple[tuple[float, float], ...]
@@ -141,13 +143,15 @@ class Canvas:
         self._scale: tuple[object, ...] = ()
 
     def _fill(self, layer: str, rows: Iterable[Any] = ()) -> None:
-        """Show rows of values in a layer, in the order of the layer's columns; a browser draws what differs."""
-        rows = [tuple(row) for row in rows]
-        if _alike(rows, self._shown.get(layer, [])):
-            return
+        """Show rows of values in a layer, in the order of the layer's columns; only rows that differ are sent."""
+        rows, shown = [tuple(row) for row in rows], self._shown.get(layer, [])
+        keys, source = LAYERS[layer][1].split(), self.sources[layer]
+        differ = [n for n, (a, b) in enumerate(zip(rows, shown, strict=False)) if not _alike(a, b)]
         self._shown[layer] = rows
-        keys = LAYERS[layer][1].split()
-        self.sources[layer].data = {key: [row[n] for row in rows] for n, key in enumerate(keys)}
+        if len(rows) != len(shown) or 2 * len(differ) > len(rows):
+            source.data = {key: [_sent(row[n]) for row in rows] for n, key in enumerate(keys)}
+        elif differ:
+            source.patch({key: [(row, _sent(rows[row][n])) for row in differ] for n, key in enumerate(keys)})
 
     def _style(self) -> None:
         plot: Any = self.figure
@@ -460,6 +464,12 @@ class Canvas:
                 if _distance(outline.points, at, outline.closed) <= near:
                     return thing.path
         return None
+
+
+def _sent(value: Any) -> Any:
+    """Return a value in the form in which it is sent: a short array as a list, not as a message of its own."""
+    is_short = isinstance(value, np.ndarray) and value.size <= SHORT
+    return value.round(DIGITS).tolist() if is_short else value
 
 
 def _alike(a: Sequence[Any], b: Sequence[Any]) -> bool:

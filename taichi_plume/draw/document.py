@@ -76,7 +76,19 @@ def line_of(text: str, path: str, fault: str = "") -> int:
 
 def set_value(text: str, path: str, value: object) -> str:
     """Return the text with another value at a path; missing keys and sections are added. Raises EditError."""
-    return _edited(text, lambda data: changed(data, {path: value}), lambda: _set(text, steps_of(path), value))
+    return set_values(text, {path: value})
+
+
+def set_values(text: str, values: Mapping[str, object]) -> str:
+    """Return the text with other values at paths; missing keys and sections are added. Raises EditError."""
+
+    def edit() -> str:
+        new = text
+        for path, value in values.items():
+            new = _set(new, steps_of(path), value)
+        return new
+
+    return _edited(text, lambda data: changed(data, values), edit) if values else text
 
 
 def add(text: str, path: str, item: object) -> str:
@@ -128,7 +140,7 @@ def _edited(text: str, expected: Any, edit: Any) -> str:
             return new
     except LineError as fault:
         raise EditError(str(fault)) from None
-    except (LookupError, TypeError, ValueError, AttributeError):
+    except (yaml.YAMLError, LookupError, TypeError, ValueError, AttributeError):
         pass
     raise EditError(_ONLY)
 

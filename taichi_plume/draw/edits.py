@@ -19,6 +19,7 @@ from taichi_plume.draw.document import (
     duplicate,
     parent_of,
     set_value,
+    set_values,
     value_at,
 )
 from taichi_plume.draw.objects import Scene, scene
@@ -58,10 +59,8 @@ def with_values(text: str, path: str, values: Values) -> str:
 def _with_values(text: str, values: Values) -> str:
     """Return the text with new values [SI] at paths."""
     data = data_of(text)
-    for path, new in values.items():
-        for where, value in differences(path, value_at(data, path), new):
-            text = set_value(text, where, value)
-    return text
+    whole = {at: v for path, new in values.items() for at, v in differences(path, value_at(data, path), new)}
+    return set_values(text, whole)
 
 
 def move_handle(text: str, of: Scene, path: str, handle: str, plane: Plane, to: Point) -> str:

@@ -14,6 +14,7 @@ from taichi_plume.draw.checks import Remark
 from taichi_plume.draw.document import data_of, duplicate, parent_of, value_at
 from taichi_plume.draw.forms import Key, Row
 from taichi_plume.draw.objects import Scene
+from taichi_plume.draw.words import Words
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.yaml_text import LineError
 
@@ -170,7 +171,7 @@ class FormPanel:
         self.sections.on_change("value", lambda _attr, _old, new: None if self._setting else page.choose(new))
         self.back = Button(label="‹ back", width=60)
         self.back.on_click(self._go_back)
-        self.purpose = Div(**WIDE)
+        self.purpose = Words()
         self.rows = column(**WIDE)
         self.more = Button(**WIDE, name="more keys")
         self.more.on_click(self._unfold)

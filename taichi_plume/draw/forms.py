@@ -17,7 +17,8 @@ from taichi_plume.report.theme import short
 from taichi_plume.scenario.changes import Data
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.error_messages import explain
-from taichi_plume.scenario.key_facts import facts, limits, models_in, own_kind, purpose
+from taichi_plume.scenario.key_facts import facts, limits, meanings, models_in, own_kind, purpose
+from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Model, vector
 
 Field = Literal["number", "point", "switch", "choice", "section", "list", "text"]
@@ -117,6 +118,18 @@ def _number(item: object, unit: str) -> tuple[str, str]:
     if isinstance(item, str) and found is not None:
         return item.strip().removesuffix(found[1]).strip(), found[1]
     return str(item), unit
+
+
+def prepare() -> None:
+    """Read the meanings of all keys of a scenario, which the first forms would wait for."""
+    waiting: list[type[Model]] = [Scenario]
+    models = set(waiting)
+    while waiting:
+        model = waiting.pop()
+        meanings(model)
+        inner = {part for field in model.model_fields.values() for part, _ in models_in(field)} - models
+        models |= inner
+        waiting += inner
 
 
 def title(data: Data, path: str) -> str:

@@ -3,10 +3,10 @@
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
@@ -71,11 +71,11 @@ class Thing:
 
     def outlines(self, plane: Plane) -> list[Outline]:
         """Return what is drawn in a plane."""
-        return self.part.outlines(plane) if self.part else []
+        return self.part.drawn(plane)[0] if self.part else []
 
     def handles(self, plane: Plane) -> dict[str, Point]:
         """Return the handles in a plane by their names."""
-        return self.part.handles(plane) if self.part else {}
+        return self.part.drawn(plane)[1] if self.part else {}
 
     def grip(self, plane: Plane) -> str | None:
         """Return the handle that moves the whole object: `center`, or the only handle; None without such a handle."""
@@ -88,14 +88,26 @@ class Thing:
         return handles.get("center") or next(iter(handles.values()), self.mark if plane == ABOVE else None)
 
 
+class Section(NamedTuple):
+    """Model, part and mark (see `Thing`) of a section of the text."""
+
+    model: Model | None
+    part: Part | None
+    mark: Point | None
+
+
 @dataclass(frozen=True)
 class Scene:
-    """All objects of a text, in the order of drawing. room: extent of the domain [m]; None if it cannot be read."""
+    """All objects of a text, in the order of drawing. room: extent of the domain [m]; None if it cannot be read.
+
+    sections: what has been read of each section, for the scene of the next text.
+    """
 
     text: str
     data: Data
     room: tuple[float, ...] | None
     things: tuple[Thing, ...]
+    sections: Mapping[object, "Section"] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def planes(self) -> list[Plane]:
@@ -118,7 +130,10 @@ class Scene:
     def drawn_otherwise(self, other: "Scene") -> list[Thing]:
         """Return the objects with a position that another scene lacks, or has with other keys or values."""
         there = [section for _, section in other._drawn]
-        return [thing for thing, section in self._drawn if section not in there]
+        alike = set(map(repr, there))  # found at once; other spellings are compared one by one
+        return [
+            thing for thing, section in self._drawn if repr(section) not in alike and section not in there
+        ]
 
     @property
     def _drawn(self) -> list[tuple[Thing, tuple[str, Any]]]:
@@ -139,8 +154,11 @@ class Scene:
         return max(inside, key=len, default="")
 
 
-def scene(text: str, folder: Path, allow_outside: bool = False) -> Scene:
-    """Return the objects of a text; folder: of its files; allow_outside: whether files may lie outside of it."""
+def scene(text: str, folder: Path, allow_outside: bool = False, last: Scene | None = None) -> Scene:
+    """Return the objects of a text; folder: of its files; allow_outside: whether files may lie outside of it.
+
+    last: scene of an earlier text; sections that are equal in both texts are not read again.
+    """
     try:
         data = data_of(text)
     except LineError:
@@ -150,23 +168,39 @@ def scene(text: str, folder: Path, allow_outside: bool = False) -> Scene:
     by_path = names(data)
     things = [Thing(path, by_path[path], theme.FAINT) for path, *_ in _unplaced(data)]
     things += [Thing("domain", by_path["domain"], theme.INK, Room(domain, room) if room else None)]
-    gate_folder = None if allow_outside else folder
+    known, sections, where = {} if last is None else last.sections, {}, (room, folder, allow_outside)
+    classes: dict[str, list[type[Model]]] = {}
     for path, *_ in _paths(data):
-        part, model = None, read(data, path)
-        if room is not None:
-            try:
-                with gate(gate_folder):
-                    part = _part(data, path, model, room, folder)
-                    if part is not None:
-                        for plane in (ABOVE, SIDE)[: len(room) - 1]:
-                            part.outlines(plane)
-                            part.handles(plane)
-            except (ShapeError, OSError, ValueError, LookupError, TypeError):
-                part = None  # such as a position with too few numbers, or a file that cannot be read
-        things.append(
-            Thing(path, by_path[path], _color(data, path, model), part, None if part else _mark(data, path))
-        )
-    return Scene(text, data, room, tuple(things))
+        above = path.rpartition("[")[0] or path
+        if above not in classes:
+            classes[above] = classes_at(data, path)
+        values = value_at(data, path)
+        file = values.get("file") if isinstance(values, dict) else None
+        stamp = _stamp(folder / file) if isinstance(file, str) else None
+        key = above, *classes[above], repr(values), stamp, *where
+        if key not in sections:
+            sections[key] = known.get(key) or _section(data, path, room, folder, allow_outside)
+        model, part, mark = sections[key]
+        if part is None and file is not None:
+            del sections[key]  # a file beside that file may have been missing
+        things.append(Thing(path, by_path[path], _color(data, path, model), part, mark))
+    return Scene(text, data, room, tuple(things), sections)
+
+
+def _section(
+    data: Data, path: str, room: tuple[float, ...] | None, folder: Path, allow_outside: bool
+) -> Section:
+    """Read the section of an object."""
+    part, model = None, read(data, path)
+    if room is not None:
+        try:
+            with gate(None if allow_outside else folder):
+                part = _part(data, path, model, room, folder)
+                for plane in (ABOVE, SIDE)[: len(room) - 1] if part is not None else ():
+                    part.drawn(plane)
+        except (ShapeError, OSError, ValueError, LookupError, TypeError):
+            part = None  # such as a position with too few numbers, or a file that cannot be read
+    return Section(model, part, None if part else _mark(data, path))
 
 
 def stamps(text: str, folder: Path) -> tuple[object, ...]:
@@ -286,8 +320,8 @@ Entry = tuple[str, str, str | None]
 def _unplaced(data: Mapping[str, Any]) -> Iterator[Entry]:
     """Yield the sections that have no position in the room, the experiment itself first."""
     yield "", "experiment", "experiment"
-    for key, field in Scenario.model_fields.items():
-        if key in ("domain", "arena", "obstacles", "robots") or not any(models_in(field)):
+    for key, about in Scenario.model_fields.items():
+        if key in ("domain", "arena", "obstacles", "robots") or not any(models_in(about)):
             continue
         items = data.get(key)
         if isinstance(items, list):

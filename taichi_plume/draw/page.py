@@ -9,6 +9,7 @@ from html import escape
 from json import dumps
 from math import isfinite
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 from bokeh.document import Document
@@ -39,6 +40,7 @@ from taichi_plume.draw.pointer import Pointer
 from taichi_plume.draw.run_panel import RunPanel
 from taichi_plume.draw.runs import Run
 from taichi_plume.draw.time_bar import TimeBar
+from taichi_plume.draw.words import Words
 from taichi_plume.draw.workplace import FileChangedError, Workplace
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.yaml_text import LineError, read_text
@@ -67,6 +69,7 @@ class Page:
         """Paths of the objects that are selected beside the chosen one, which has the form."""
         self.clip: edits.Clip = []
         self._due: list[Callable[[], None]] = []
+        self._caught_up = monotonic()  # s, when the page followed last
         self.asked: Callable[[], None] | None = None
         self._left: Draft | None = None  # the draft that the standing question is about
         self._said, self._views = workplace.drafts.unreadable, 0
@@ -96,10 +99,15 @@ class Page:
         if work not in self._due:
             self._due.append(work)
         if is_first and not self.hidden:
-            self.document.add_timeout_callback(self._catch_up, GAP * (1 + self.workplace.pages.index(self)))
+            pages = self.workplace.pages
+            rest = GAP * len(pages) - 1e3 * (
+                monotonic() - self._caught_up
+            )  # all pages together: one in a gap
+            wait = max(GAP * (1 + pages.index(self)), round(rest))
+            self.document.add_timeout_callback(self._catch_up, wait)
 
     def _catch_up(self) -> None:
-        due, self._due = self._due, []
+        due, self._due, self._caught_up = self._due, [], monotonic()
         for work in due:
             work()
 
@@ -121,7 +129,7 @@ class Page:
         self.files, self.menu = FileMenu(self), ContextMenu(self)
         self.name = TextInput(width=170, name="file", description=ABOUT_NAME)
         self.name.on_change("value", lambda _attr, _old, new: self._renamed(new))
-        self.title = Div(css_classes=["faint"], sizing_mode="stretch_width", align="center")
+        self.title = Words(css_classes=["faint"], styles={"flex": "1", "align-self": "center"})
         self.undo, self.redo = self._button("↶ Undo", self._undo, 80), self._button("↷ Redo", self._redo, 80)
         self.tools = [
             self._button("Copy", self.copy, 60),
@@ -142,11 +150,9 @@ class Page:
             sizing_mode="stretch_width", css_classes=["bar"],
         )  # fmt: skip
         # of fixed heights: if the views changed their size with each line of text, a drag would miss its aim
-        self.hint = Div(css_classes=["line", "faint"], sizing_mode="stretch_width", height=20, name="hint")
-        self.size = Div(css_classes=["scrolls"], sizing_mode="stretch_width", height=42, name="size")
-        self.message = Div(
-            css_classes=["bad", "line"], sizing_mode="stretch_width", height=20, name="message"
-        )
+        self.hint = Words("hint", css_classes=["line", "faint"])
+        self.size = Words("size", css_classes=["lines"])
+        self.message = Words("message", css_classes=["bad", "line"])
         self.banner = Div(sizing_mode="stretch_width")
         answers = self._button("Yes", self._yes, 60), self._button("No", self._no, 60)
         self.question = row(
@@ -166,7 +172,7 @@ class Page:
         self.text.on_change("value_input", lambda _attr, _old, new: self._typed(new))
         self.editor = Div(sizing_mode="stretch_both", name="editor")
         self.solid = Div(sizing_mode="stretch_both", name="solid", css_classes=["whole"])
-        self.remarks = Div(sizing_mode="stretch_width", name="remarks")
+        self.remarks = Words("remarks")
         contents = {
             "Form": self.form.layout, "YAML": column(self.editor, self.text, sizing_mode="stretch_both"),
             "Remarks": column(self.remarks, sizing_mode="stretch_both", css_classes=["scrolls"]),

@@ -46,6 +46,7 @@ class Part:
 
     def __init__(self, model: Any, room: tuple[float, ...], keys: Sequence[str] = ()):
         self.model, self.room, self.keys = model, room, keys
+        self._drawn: dict[Plane, tuple[list[Outline], dict[str, Point]]] = {}
 
     @property
     def dim(self) -> int:
@@ -59,6 +60,12 @@ class Part:
         lists = {key: points for key, points in given.items() if isinstance(points[0], tuple)}
         listed = {f"{key}[{n}]": point for key in lists for n, point in enumerate(lists[key])}
         return {key: point for key, point in given.items() if key not in lists} | listed
+
+    def drawn(self, plane: Plane) -> tuple[list[Outline], dict[str, Point]]:
+        """Return the outlines and handles in a plane, computed once: a part does not change."""
+        if plane not in self._drawn:
+            self._drawn[plane] = self.outlines(plane), self.handles(plane)
+        return self._drawn[plane]
 
     def outlines(self, plane: Plane) -> list[Outline]:
         """Return what is drawn in a plane."""

@@ -6,6 +6,7 @@ import logging
 import re
 import secrets
 import socket
+import sys
 import traceback
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -20,6 +21,7 @@ from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
 from tornado.netutil import bind_sockets
 
+from taichi_plume.draw import forms
 from taichi_plume.draw.access import Access, Answer, Protection
 from taichi_plume.draw.downloads import patterns
 from taichi_plume.draw.page import Page
@@ -31,7 +33,8 @@ from taichi_plume.record.live import LOOPBACK
 TOKEN_BYTES = 24
 UNUSED = 15_000  # ms until the page of a closed tab is forgotten
 PERIOD = 400  # ms between looks at the runs
-CHECKS = 40  # ms between looks at whether the text has to be checked
+CHECKS = 20  # ms between looks at whether the text has to be checked
+SWITCH = 1e-3  # s in which a check in another thread lets the pages go on
 LARGEST_MESSAGE = 64 << 20  # bytes, from a page: more than a file that a user brings, in base64
 
 
@@ -120,7 +123,9 @@ class Service:
         """Serve pages, once the loop runs."""
         self.log.take_over()
         gc.collect()
+        sys.setswitchinterval(SWITCH)
         gc.freeze()  # Bokeh collects garbage for each page that it forgets, which would search all modules
+        self.pool.submit(forms.prepare)
         self.server.start()
         for tick in self.ticks:
             tick.start()

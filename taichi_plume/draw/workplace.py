@@ -5,7 +5,9 @@ import shutil
 from collections.abc import Collection
 from dataclasses import replace
 from itertools import count
+from math import inf
 from pathlib import Path
+from time import perf_counter
 from typing import Protocol
 
 from taichi_plume.draw.checks import Findings, check
@@ -28,6 +30,7 @@ DRAWN = ("scenario", "live", "task")
 """Kinds of examples that can be drawn."""
 BROUGHT = (*ENDINGS, ".stl", ".obj", ".ply", ".png", ".pgm")
 """Endings of the files that a user may bring: scenarios, meshes, maps with their pictures."""
+QUICK = 0.04  # s: if the last check took less, a text is checked before it is shown
 MOST_BROUGHT = 40 << 20  # bytes
 
 
@@ -74,6 +77,7 @@ class Workplace:
         self._scene: tuple[object, Scene] | None = None
         self.findings: Findings | None = None
         self.checked: str | None = None
+        self._took = inf  # s, of the last check
 
     @property
     def text(self) -> str:
@@ -88,12 +92,12 @@ class Workplace:
         """
         key = self.text, stamps(self.text, self.folder)
         if self._scene is None or self._scene[0] != key:
+            last = self._scene[1] if self._scene is not None else None
             try:
                 data_of(self.text)
-                present = scene(self.text, self.folder, self.allow_outside)
+                present = scene(self.text, self.folder, self.allow_outside, last)
             except LineError:
-                last = self._scene[1] if self._scene is not None else Scene(self.text, {}, None, ())
-                present = replace(last, text=self.text)
+                present = replace(last or Scene(self.text, {}, None, ()), text=self.text)
             self._scene = key, present
         return self._scene[1]
 
@@ -305,8 +309,10 @@ class Workplace:
 
     def check(self, text: str | None = None) -> tuple[str, Findings]:
         """Check a text, by default the present one; return the text and its findings. May run in another thread."""
-        text = self.text if text is None else text
-        return text, check(text, self.folder, self.allow_outside)
+        text, start = self.text if text is None else text, perf_counter()
+        findings = check(text, self.folder, self.allow_outside)
+        self._took = perf_counter() - start
+        return text, findings
 
     def found(self, text: str, findings: Findings) -> None:
         """Take the findings of a text, unless the text has changed since."""
@@ -361,6 +367,8 @@ class Workplace:
 
     def _changed(self) -> None:
         self.keep_draft()
+        if self._took < QUICK and self.checked != self.text:
+            self.checked, self.findings = self.check()
         self._notify()
 
     def watch(self) -> None:

@@ -4,11 +4,15 @@ A document becomes dicts, lists and scalars. The size, the depth, and the expans
 limited; duplicate keys, tags of other programs and characters that do not print are refused.
 """
 
+import re
 import unicodedata
 from pathlib import Path
 from typing import Any
 
 import yaml
+from yaml.composer import Composer
+from yaml.constructor import SafeConstructor
+from yaml.resolver import Resolver
 
 from taichi_plume.guard.safe_open import content_of
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
@@ -36,6 +40,8 @@ _ELSEWHERE = {
     "expected ',' or '}', but got ':'": "a '{' of a line above is not closed",
     "expected ',' or ']', but got ':'": "a '[' of a line above is not closed",
 }
+_READ_OTHERWISE = re.compile(r"[\t?!\ufeff]|[|>][-+\d]*#")
+"""Characters that libyaml accepts where PyYAML does not."""
 _TAG = "tag:yaml.org,2002:"
 _NUMBERS = {f"{_TAG}int", f"{_TAG}float"}
 _TEXTS = {f"{_TAG}str", f"{_TAG}merge", f"{_TAG}value"}
@@ -71,9 +77,19 @@ def parse(text: str, kind: str = "a scenario", dates: bool = False) -> Any:
     kind: kind of file, for messages. dates: read dates, as texts, instead of refusing them. Raises
     LineError.
     """
+    if _QUICK is not None and not _READ_OTHERWISE.search(text):
+        try:
+            return _parsed(_QUICK, text, kind, dates)
+        except LineError:
+            pass  # the messages are those of PyYAML
+    return _parsed(_Loader, text, kind, dates)
+
+
+def _parsed(load: type, text: str, kind: str, dates: bool) -> Any:
+    """Return the document that a loader reads. Raises LineError."""
     loader = None
     try:
-        loader = _Loader(text, kind)
+        loader = load(text, kind)
         node = loader.get_single_node()
         if node is None:
             return None
@@ -98,13 +114,11 @@ def parse(text: str, kind: str = "a scenario", dates: bool = False) -> Any:
             loader.dispose()
 
 
-class _Loader(yaml.SafeLoader):
-    """YAML loader that stops as soon as a document is too large or too deeply nested."""
+class _Limits(Composer, SafeConstructor):
+    """Composition and construction that stop as soon as a document is too large or too deeply nested."""
 
-    def __init__(self, text: str, kind: str):
-        super().__init__(text)
-        self.kind = kind
-        self.values, self.depth = 0, 0
+    kind = ""
+    values = depth = 0
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         """Parse a YAML node and all nodes below, with a check of size and depth."""
@@ -127,6 +141,31 @@ class _Loader(yaml.SafeLoader):
             raise _fault(node, f"'{_shown(node)}' is no {node.tag.replace(_TAG, '')}") from None
 
 
+class _Loader(_Limits, yaml.SafeLoader):
+    """YAML loader of PyYAML with limits."""
+
+    def __init__(self, text: str, kind: str):
+        yaml.SafeLoader.__init__(self, text)
+        self.kind = kind
+
+
+_QUICK: type | None = None
+if yaml.__with_libyaml__:  # libyaml's parser takes a quarter of the time
+    from yaml.cyaml import CParser
+
+    class _LibyamlLoader(_Limits, CParser, Resolver):
+        """YAML loader with limits whose events come from libyaml."""
+
+        def __init__(self, text: str, kind: str):
+            CParser.__init__(self, text)
+            Composer.__init__(self)
+            SafeConstructor.__init__(self)
+            Resolver.__init__(self)
+            self.kind = kind
+
+    _QUICK = _LibyamlLoader
+
+
 def _place(mark: yaml.Mark | None) -> str:
     return f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
 
@@ -138,33 +177,34 @@ def _fault(node: yaml.Node | yaml.Event, what: str) -> LineError:
 def _check_tree(root: yaml.Node, dates: bool) -> None:
     """Raise LineError for unknown tags, duplicate keys, recursive aliases, or aliases that expand too far."""
     sizes: dict[int, int] = {}
-    depths: dict[int, int] = {}
+    depths: dict[int, int] = {}  # of lists and mappings
     open_nodes: set[int] = set()
 
     def size(node: yaml.Node) -> int:
-        if id(node) in open_nodes:
+        key = id(node)
+        if key in sizes:
+            return sizes[key]
+        if key in open_nodes:
             raise _fault(node, "an alias contains itself")
-        if id(node) in sizes:
-            return sizes[id(node)]
         _check_kind(node, dates)
         if isinstance(node, yaml.ScalarNode):
             _check_scalar(node)
-            sizes[id(node)], depths[id(node)] = weight(node.value), 1
-            return sizes[id(node)]
-        open_nodes.add(id(node))
+            sizes[key] = weight(node.value)
+            return sizes[key]
+        open_nodes.add(key)
         if isinstance(node, yaml.MappingNode):
             _check_keys(node)
             parts = [part for pair in node.value for part in pair]
         else:
             parts = node.value
-        sizes[id(node)] = 1 + sum(size(part) for part in parts)
-        depths[id(node)] = 1 + max((depths[id(part)] for part in parts), default=0)
-        open_nodes.remove(id(node))
-        if sizes[id(node)] > MOST_VALUES:
+        sizes[key] = 1 + sum([size(part) for part in parts])
+        depths[key] = 1 + max([depths.get(id(part), 1) for part in parts], default=0)
+        open_nodes.remove(key)
+        if sizes[key] > MOST_VALUES:
             raise _fault(node, f"aliases expand to more than {MOST_VALUES:,} values; use fewer")
-        if depths[id(node)] > DEEPEST:
+        if depths[key] > DEEPEST:
             raise _fault(node, f"aliases nest it too deeply, more than {DEEPEST} levels")
-        return sizes[id(node)]
+        return sizes[key]
 
     size(root)
 

@@ -123,7 +123,7 @@ def _below(value: Data, key: str, steps: Steps, exact: bool, above: int) -> Any:
 
 def _is_parameter(steps: Steps) -> bool:
     """Return whether a path of keys leads to the parameters of a user's algorithm or law, or below."""
-    return "parameters" in steps_of(path_of(steps))
+    return "parameters" in str(steps) and "parameters" in steps_of(path_of(steps))
 
 
 def changed(data: Mapping[str, Any], changes: Mapping[str, object]) -> Data:

@@ -3,6 +3,7 @@
 import ast
 import inspect
 import re
+import sys
 import textwrap
 import types
 from collections.abc import Iterator
@@ -86,7 +87,9 @@ def meanings(model: type[Model]) -> dict[str, str]:
     texts = {"kind": purpose(model)}
     for base in reversed(model.__mro__):
         if issubclass(base, BaseModel) and base is not BaseModel:
-            (section,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
+            section = _classes(base.__module__).get(base.__qualname__)
+            if section is None:  # within a function
+                (section,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
             assert isinstance(section, ast.ClassDef)
             for key, text in pairwise([*section.body, ast.Pass()]):
                 match key, text:
@@ -95,6 +98,13 @@ def meanings(model: type[Model]) -> dict[str, str]:
                     ):
                         texts[name] = " ".join(meaning.split())
     return {key: texts[key] for key in model.model_fields if key in texts}
+
+
+@cache
+def _classes(module: str) -> dict[str, ast.stmt]:
+    """Return the classes of a module as parsed source, by name."""
+    source = inspect.getsource(sys.modules[module])
+    return {part.name: part for part in ast.parse(source).body if isinstance(part, ast.ClassDef)}
 
 
 def purpose(model: type[BaseModel]) -> str:

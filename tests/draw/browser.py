@@ -30,7 +30,7 @@ CHOOSE = """([name, value]) => {
 }"""
 TEXT_OF = """(name) => {
   const model = [...Bokeh.documents[0]._all_models.values()].find((model) => model.name == name)
-  return model.text ?? model.value_input ?? model.value
+  return model.text ?? model.html ?? model.value_input ?? model.value
 }"""
 
 

@@ -1,8 +1,14 @@
 """The YAML reader: the work is bounded by limits on what a text expands to, and every fault is one line."""
 
+import random
+from pathlib import Path
+
 import pytest
 
+from taichi_plume.guard import yaml_text
 from taichi_plume.guard.yaml_text import LineError, parse
+
+CONFIGS = sorted((Path(__file__).parents[2] / "configs").rglob("*.yaml"))
 
 
 def bomb(first: str, level: str) -> str:
@@ -72,3 +78,30 @@ def test_what_does_not_fit_is_one_line(value, shown, dates):
 
 def test_files_of_other_programs():
     assert parse("a: 2024-05-01", dates=True) == {"a": "2024-05-01"}
+
+
+def test_a_text_is_the_same_without_libyaml(monkeypatch):
+    """Damaged texts too: data and messages are those of PyYAML's own parser."""
+    pytest.importorskip("yaml.cyaml", reason="PyYAML has been built without libyaml")
+    rng = random.Random(5)
+
+    def outcome(text):
+        try:
+            return repr(parse(text))
+        except LineError as fault:
+            return str(fault)
+
+    texts, accepted = [file.read_text() for file in CONFIGS], 0
+    for _ in range(400):
+        lines = rng.choice(texts).split("\n")
+        start = rng.randrange(len(lines))
+        text = "\n".join(lines[start : start + rng.randrange(1, 14)])
+        for _ in range(rng.randrange(3)):
+            at = rng.randrange(len(text) + 1)
+            text = text[:at] + rng.choice("[]{}:,-#&*!|>'\"%@` \n\t?0x_.~<=\u2028\x85\r\ufeff") + text[at:]
+        found = outcome(text)
+        accepted += not found.startswith(("line ", "not YAML"))
+        with monkeypatch.context() as patch:
+            patch.setattr(yaml_text, "_QUICK", None)
+            assert outcome(text) == found
+    assert 100 < accepted < 400
