@@ -117,7 +117,7 @@ class Editor(_Files):
 
 
 class Completions(_Files):
-    """What may stand at a place of a text, as Ace takes it; the editor sends its text."""
+    """Completions at a place of a text, as Ace takes them; the editor sends its text."""
 
     async def post(self) -> None:
         index, text = self.get_query_argument("index", ""), self.request.body.decode("utf-8", "replace")

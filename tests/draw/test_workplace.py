@@ -381,8 +381,10 @@ def test_a_file_that_is_no_text_is_refused(tmp_path):
 def test_findings_of_an_earlier_text_are_not_taken(place):
     text, findings = place.check()
     place.put(edited(place))
+    present = place.findings
     place.found(text, findings)
-    assert place.findings is None
+    assert place.findings is present
+    assert place.checked != text
     place.found(*place.check())
     assert place.findings.sound
 
