@@ -127,7 +127,12 @@ const begin = () => {
     if (row != null && !ace_editor.isFocused()) ace_editor.gotoLine(row + 1, 0)
   }
   session.setUseWrapMode(false)
-  session.on("change", () => { if (!writing) text.value_input = ace_editor.getValue() })
+  let waits = false  // a selection that is typed over is removed and inserted: one step
+  session.on("change", () => {
+    if (writing || waits) return
+    waits = true
+    queueMicrotask(() => { [waits, text.value_input] = [false, ace_editor.getValue()] })
+  })
   text.properties.value_input.change.connect(show)
   notes.properties.value.change.connect(note)
   ace_editor.completers = [{

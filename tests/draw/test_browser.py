@@ -150,7 +150,9 @@ def test_every_button_is_seen_in_a_narrow_window(visit):
     ):
         box = button.bounding_box()
         assert 0 <= box["x"] < box["x"] + box["width"] <= 1024
-    page.page.locator(".bk-btn").get_by_text("▶ Run").click(trial=True, timeout=5_000)  # nothing lies over it
+    page.page.locator(".bk-btn").get_by_text("▶ Run", exact=True).click(
+        trial=True, timeout=5_000
+    )  # nothing lies over it
 
 
 def test_a_tab_in_the_background_shows_an_edit_once_it_is_seen_again(visit, tmp_path):
