@@ -10,6 +10,7 @@ from bokeh.core.property.vectorization import value
 from bokeh.models import (
     ColorBar,
     ColumnDataSource,
+    HoverTool,
     Label,
     LinearColorMapper,
     LogColorMapper,
@@ -45,6 +46,7 @@ TEXT = {"text": "text", "text_font": value(FONT), "text_font_size": "11px", "tex
 LAYERS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "floor": ("rect", "x y width height", {"fill_color": "#ffffff", "line_color": None, "level": "image"}),
     "image": ("image_rgba", "image x y dw dh", {"level": "image"}),
+    "values": ("image", "image x y dw dh", {"level": "image", "palette": ["#ffffff"], "global_alpha": 0.0}),
     "wind": ("segment", "x0 y0 x1 y1", {"line_color": theme.WIND, "line_alpha": 0.45}),
     "areas": (
         "patches", SHAPE,
@@ -124,6 +126,11 @@ class Canvas:
             source = self.sources[name] = ColumnDataSource({key: [] for key in keys})
             given = {key: key for key in keys if key in COORDINATES}
             getattr(self.figure, method)(source=source, **given, **style)
+        read = [each for each in self.figure.renderers if each.data_source is self.sources["values"]]
+        self.reader = HoverTool(
+            renderers=read, formatters={"@image": "printf"}, attachment="above", visible=False
+        )
+        self.figure.add_tools(self.reader)
         self.figure.text(
             "x", "y", source=self.sources["marks"], text_color="#ffffff", text_baseline="middle",
             text_font_style="bold", **TEXT,
@@ -161,21 +168,7 @@ class Canvas:
             axis.axis_label_text_font_style = "normal"
             axis.axis_line_color = axis.minor_tick_line_color = None
         plot.title.text_font = FONT
-        self.paint(False)
-
-    def paint(self, dark: bool) -> None:
-        """Colour what lies around the room for a dark or a light page; the floor stays white, as in reports."""
-        plot: Any = self.figure
-        desk, paper, lines, letters = (
-            ("#12161a", "#12161a", "#434d58", "#a3afbb")
-            if dark
-            else ("#e9edf1", "#f3f5f7", "#c5cdd6", "#586473")
-        )
-        plot.background_fill_color, plot.border_fill_color = desk, paper
-        plot.grid.grid_line_color, plot.title.text_color = lines, letters
-        for axis in plot.axis:
-            axis.axis_label_text_color = axis.major_label_text_color = letters
-            axis.major_tick_line_color = lines
+        paint(plot, False)
 
     # ---------------------------------------------------------------- objects
 
@@ -362,7 +355,7 @@ class Canvas:
         self.sight, self._beside = sight, beside
         seen = sight is not None and of is not None and of.room is not None and self.plane in of.planes
         if not seen or sight is None or of is None or of.room is None:
-            for layer in ("image", "wind", "trails", "headings", "robots", "walkers", "earlier"):
+            for layer in ("image", "values", "wind", "trails", "headings", "robots", "walkers", "earlier"):
                 self._fill(layer)
             self.note.text, self.bar.visible = "", False
             return
@@ -390,7 +383,9 @@ class Canvas:
 
     def _show_air(self, sight: Instant, picture: Picture | None, room: tuple[float, ...]) -> None:
         height, width = (n * picture.cell for n in picture.values.shape) if picture is not None else (0, 0)
-        self._fill("image", [(_colors(picture), 0.0, 0.0, width, height)] if picture is not None else [])
+        at = (0.0, 0.0, width, height)
+        self._fill("image", [(_colors(picture), *at)] if picture is not None else [])
+        self._fill("values", [(picture.values, *at)] if picture is not None else [])
         self._show_scale(picture)
         x, y, u, v = sight.wind
         own = ARROW * max(room[:2]) / max(float(np.hypot(u, v).max(initial=0.0)), 1e-9)
@@ -418,6 +413,10 @@ class Canvas:
         ]
         self.bar.color_mapper = kind(palette=palette, low=picture.scale.low, high=picture.scale.high)
         self.bar.title = picture.quantity + (f" [{picture.unit}]" if picture.unit != "1" else "")
+        self.reader.tooltips = [
+            (picture.quantity, f"@image{{%.3g}} {picture.unit}"),
+            ("at", "$x{0.00}, $y{0.00} m"),
+        ]
 
     # ---------------------------------------------------------------- pointing
 
@@ -470,6 +469,18 @@ def _sent(value: Any) -> Any:
     """Return a value in the form in which it is sent: a short array as a list, not as a message of its own."""
     is_short = isinstance(value, np.ndarray) and value.size <= SHORT
     return value.round(DIGITS).tolist() if is_short else value
+
+
+def paint(plot: Any, dark: bool) -> None:
+    """Colour a figure for a dark or a light page."""
+    desk, paper, lines, letters = (
+        ("#12161a", "#12161a", "#434d58", "#a3afbb") if dark else ("#e9edf1", "#f3f5f7", "#c5cdd6", "#586473")
+    )
+    plot.update(background_fill_color=desk, border_fill_color=paper)
+    plot.grid.grid_line_color = lines
+    for axis in plot.axis:
+        axis.axis_label_text_color = axis.major_label_text_color = letters
+        axis.major_tick_line_color = lines
 
 
 def _alike(a: Sequence[Any], b: Sequence[Any]) -> bool:

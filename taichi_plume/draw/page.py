@@ -28,7 +28,7 @@ from bokeh.models import (
 from bokeh.themes import Theme
 
 from taichi_plume.draw import edits, first_steps
-from taichi_plume.draw.canvas import Canvas
+from taichi_plume.draw.canvas import Canvas, paint
 from taichi_plume.draw.checks import Findings, Remark
 from taichi_plume.draw.context_menu import ContextMenu
 from taichi_plume.draw.document import line_of
@@ -117,8 +117,9 @@ class Page:
         return self.seen.value.startswith("hidden")
 
     def _seen(self, state: str) -> None:
-        for canvas in (*self.canvases.values(), self.runs.beside):
-            canvas.paint(state.endswith("dark"))
+        canvases = (*self.canvases.values(), self.runs.beside)
+        for plot in (*(canvas.figure for canvas in canvases), self.runs.plot):
+            paint(plot, state.endswith("dark"))
         if not self.hidden:
             self._catch_up()
 

@@ -81,7 +81,6 @@ class RunPanel:
         self.dashed = ColumnDataSource({"xs": [], "ys": [], "color": []})  # of the compared run
         self.plot.multi_line("xs", "ys", line_color="color", line_dash="dashed", source=self.dashed)
         self.plot.outline_line_color = None
-        self.plot.grid.grid_line_color = "#e3e7eb"
         self.plot.axis.minor_tick_line_color = None
         self.now = Span(dimension="height", location=0.0, visible=False, line_color=theme.FAINT)
         self.plot.add_layout(self.now)

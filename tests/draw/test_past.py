@@ -142,6 +142,9 @@ def test_the_slider_shows_moments_of_a_run_that_has_ended(ended):
     past = Past(run.folder)
     images, robots = shown(page)
     assert images == 1
+    (values,) = page.canvases[ABOVE].sources["values"].data["image"]
+    np.testing.assert_array_equal(values, past.at(2.5).pictures["gas_slice"].values)
+    assert page.canvases[ABOVE].reader.tooltips[0][1] == "@image{%.3g} ppm"
     assert robots == pytest.approx(past.at(2.5).robots[0])
     ways = page.canvases[ABOVE].sources["trails"].data["xs"]
     assert [len(way) for way in ways] == [26, 26], "a place per 0.1 s"
