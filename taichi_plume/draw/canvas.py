@@ -466,8 +466,8 @@ class Canvas:
 
 
 def _sent(value: Any) -> Any:
-    """Return a value in the form in which it is sent: a short array as a list, not as a message of its own."""
-    is_short = isinstance(value, np.ndarray) and value.size <= SHORT
+    """Return a value in the form in which it is sent: a short list of positions not as a message of its own."""
+    is_short = isinstance(value, np.ndarray) and value.ndim == 1 and len(value) <= SHORT
     return value.round(DIGITS).tolist() if is_short else value
 
 
