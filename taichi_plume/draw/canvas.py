@@ -387,7 +387,7 @@ class Canvas:
         self._fill("image", [(_colors(picture), *at)] if picture is not None else [])
         self._fill("values", [(picture.values, *at)] if picture is not None else [])
         self._show_scale(picture)
-        x, y, u, v = sight.wind
+        x, y, u, v = sight.wind(picture)
         own = ARROW * max(room[:2]) / max(float(np.hypot(u, v).max(initial=0.0)), 1e-9)
         self.arrow = self.leader.arrow if self.leader is not None else own
         half = 0.5 * self.arrow

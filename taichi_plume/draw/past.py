@@ -12,12 +12,11 @@ import numpy as np
 from taichi_plume.execution.latest_instant import Instant, Picture
 from taichi_plume.execution.summary import map_names
 from taichi_plume.guard.input_error import InputError
+from taichi_plume.observed.planes import planes
 from taichi_plume.observed.scales import Scale
 from taichi_plume.results import pictures
 from taichi_plume.results.run import Run
 from taichi_plume.results.tracks import Track, tracks
-
-HERE = "slice"  # the plane that is shown: the first horizontal one
 
 
 class Past:
@@ -26,11 +25,15 @@ class Past:
     def __init__(self, folder: Path):
         try:
             self.run = Run(folder, lenient=True)
-            self._names = [name for name in pictures.picture_names(self.run) if name.endswith(f"_{HERE}")]
+            scenario = self.run.scenario
+            seen = [each for each in planes(scenario, scenario.domain.extent) if each.letters == "xy"]
+            ends = tuple(f"_{plane.name}" for plane in seen)
+            self._names = [name for name in pictures.picture_names(self.run) if name.endswith(ends)]
+            self._slices = [plane.name for plane in seen if not plane.over_height]
             stored = self.run.has("pictures.zarr")
             self.times = np.asarray((self.run.pictures if stored else self.run.fields).time.values)
             self._blown = np.asarray((self.run.winds if stored else self.run.fields).time.values)
-            self.tracks = tracks(folder / "robots.parquet", self.run.scenario.robots)
+            self.tracks = tracks(folder / "robots.parquet", scenario.robots)
         except (InputError, OSError) as error:
             raise InputError(f"{folder.name}: shows no moments: {error}") from None
         self.at = lru_cache(maxsize=4)(self._at)
@@ -39,20 +42,16 @@ class Past:
     def _at(self, t: float) -> Instant:
         end = self.run.scenario.duration
         return Instant(
-            t, end, min(1.0, max(0.0, t / end)), 0.0, "warm-up" if t < 0 else "running", self._wind(t),
+            t, end, min(1.0, max(0.0, t / end)), 0.0, "warm-up" if t < 0 else "running", self._winds(t),
             self._robots(t), self.readings, self._pictures(t) | self.maps, [_way(each, t) for each in self.tracks],
         )  # fmt: skip
 
     def _pictures(self, t: float) -> dict[str, Picture]:
         seen = pictures.pictures(self.run, self._names, _last(self.times, t))
-        found = {}
-        for name, of in seen.data_vars.items():
-            about = of.attrs
-            values = of.values[-1].astype(np.float32)
-            found[str(name)] = Picture(
-                about["quantity"], about["units"], Scale.of(about), about["cell"][0], values
-            )
-        return found
+        return {
+            str(name): Picture.of(of.attrs, of.values[-1].astype(np.float32))
+            for name, of in seen.data_vars.items()
+        }
 
     @cached_property
     def maps(self) -> dict[str, Picture]:
@@ -78,13 +77,16 @@ class Past:
                     found[f"deviation_{n}_{k}"] = Picture(quantity, "ppm", scale, cell, deviation)
         return found
 
-    def _wind(self, t: float) -> np.ndarray:
-        air = pictures.wind(self.run, HERE, _last(self._blown, t))
-        if air is None or not air.time.size:
-            return np.empty((4, 0))
-        u, v = (air[f"{letter}_{HERE}"].isel(time=-1) for letter in "uv")
-        y, x = np.meshgrid(*(u[dim].values for dim in u.dims), indexing="ij")
-        return np.stack([each.ravel() for each in (x, y, u.values, v.values)])
+    def _winds(self, t: float) -> dict[str, np.ndarray]:
+        """Return the arrows (4, n) on each slice of which the run has the wind."""
+        found = {}
+        for plane in self._slices:
+            air = pictures.wind(self.run, plane, _last(self._blown, t))
+            if air is not None and air.time.size:
+                u, v = (air[f"{letter}_{plane}"].isel(time=-1) for letter in "uv")
+                y, x = np.meshgrid(*(u[dim].values for dim in u.dims), indexing="ij")
+                found[plane] = np.stack([each.ravel() for each in (x, y, u.values, v.values)])
+        return found
 
     def _robots(self, t: float) -> np.ndarray:
         now = [(each, max(0, each.at(t))) for each in self.tracks]

@@ -390,7 +390,7 @@ def difference(a: Picture, b: Picture, first: str, second: str) -> Picture:
     if a.scale.kind == "log":
         low = np.float32(a.scale.low)  # below, all counts as nothing
         ratio = np.log10(np.maximum(a.values, low) / np.maximum(b.values, low))
-        return Picture(f"{a.quantity}, {first} / {second}", "decades", DECADES, a.cell, ratio)
+        return Picture(f"{a.quantity}, {first} / {second}", "decades", DECADES, a.cell, ratio, a.plane)
     most = a.scale.high - a.scale.low
     scale = Scale(-most, most, "linear")
-    return Picture(f"{a.quantity}, {first} - {second}", a.unit, scale, a.cell, a.values - b.values)
+    return a._replace(quantity=f"{a.quantity}, {first} - {second}", scale=scale, values=a.values - b.values)

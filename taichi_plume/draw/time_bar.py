@@ -69,7 +69,8 @@ class TimeBar:
         )
         self._setting = False
         self.latest.disabled = self.t is None
-        fastest = float(np.hypot(*seen.wind[2:]).max(initial=0.0)) if seen is not None else 0.0
+        wind = seen.wind(self.page.runs.picture) if seen is not None else np.empty((4, 0))
+        fastest = float(np.hypot(*wind[2:]).max(initial=0.0))
         self.about.text = f"longest line: {fastest:.2g} m/s" if fastest > 0 else ""
 
     # ---------------------------------------------------------------- play

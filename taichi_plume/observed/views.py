@@ -53,7 +53,7 @@ def views(sim: TimeLoop) -> list[View]:
     if sim.grid.dim == 3 and recording.volume:
         found += [View(each, VOLUME, recording.rate, False) for each in shown if each.has_volume]
     of_air = wind(sim)
-    with_arrows = [plane for plane in seen if plane.name == "slice" or plane.letters != "xy"]
+    with_arrows = [plane for plane in seen if not plane.over_height]
     return [*found, *(View(of_air, plane, recording.wind_rate) for plane in with_arrows)]
 
 

@@ -151,7 +151,7 @@ class Layout:
     def _pictures(self, quantity: Quantity, plane: Plane, panel: Panel) -> list[str]:
         """Return the entities of a picture with its legend and the wind."""
         entity = f"{quantity.entity}/{plane.name}"
-        wind = "slice" if plane.letters == "xy" else plane.name
+        wind = "slice" if plane.over_height else plane.name
         seen = [f"/{entity}", f"/legend/{entity}/**", f"/wind/{wind}", f"/legend/wind/{wind}/**"]
         return seen if panel.titled else [*seen, f"- /legend/{entity}/title"]
 

@@ -80,7 +80,7 @@ def _still(view: View, sample: Raster | Lattice, stage: Stage) -> scene.Entities
 
 
 class Arrows:
-    """Recorded wind arrows on the first horizontal slice and on vertical sections; an arrow's length shows the speed.
+    """Recorded wind arrows on horizontal slices and vertical sections; an arrow's length shows the speed.
 
     top: speed [m/s] of the key's arrow, the largest so far; nearly all arrows are shorter.
     """

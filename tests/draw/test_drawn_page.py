@@ -495,7 +495,7 @@ def sight_at(t):
         "gas_slice": Picture("ethanol", "ppm", Scale(0.1, 1000.0, "log"), 2.0, gas),
         "temperature_slice": Picture("temperature", "K", Scale(293.0, 295.0, "linear"), 2.0, warmth),
     }
-    arrays = np.ones((4, 3)), np.ones((3, 2)), np.ones((5, 3))
+    arrays = {"slice": np.ones((4, 3))}, np.ones((3, 2)), np.ones((5, 3))
     return Instant(t, 10.0, 0.1, 2.0, "running", *arrays, pictures)
 
 

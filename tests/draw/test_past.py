@@ -18,6 +18,8 @@ from taichi_plume.draw.page import Page
 from taichi_plume.draw.past import Past
 from taichi_plume.draw.runs import Run
 from taichi_plume.draw.workplace import Workplace
+from taichi_plume.execution.latest_instant import InstantFile, read
+from taichi_plume.grid.fields import velocity_at
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.report.theme import ABOVE
 
@@ -69,11 +71,94 @@ def test_a_moment_has_the_values_of_the_solver_and_of_the_recording(ended):
             assert pytest.approx(state["position"], abs=1e-5) == seen.robots[:2].T
             for n, way in enumerate(seen.trails):
                 assert way[:, -1] == pytest.approx(state["position"][n], abs=1e-5)
-        x, y, u, v = seen.wind
+        x, y, u, v = seen.wind()
         from taichi_plume.grid import fields
 
         there = fields.velocity_at(sim.loop.wind, np.stack([x, y], axis=-1), 6.0)
         assert np.stack([u, v], axis=-1) == pytest.approx(there, rel=2e-3, abs=1e-4)
+
+
+SOLID = """\
+name: solid
+duration: 3
+seed: 2
+domain: {size: [2, 1.2, 0.6], spacing: 0.1}
+wind: {kind: synthetic}
+gas: {kind: eulerian, sources: [{position: [0.4, 0.5, 0.15], rate: 5 mg/s, radius: 0.1}]}
+recording: {rate: 2, wind_rate: 1, slice_height: [0.15, 0.42]}
+"""
+SLICES = {"slice": 0.15, "slice_2": 0.42}
+TEXTS = {
+    "slice": "0.15 m above the floor",
+    "slice_2": "0.42 m above the floor",
+    "column": "maximum over the height",
+}
+
+
+@pytest.fixture(scope="module")
+def solid(tmp_path_factory, taichi) -> SimpleNamespace:
+    """A run in 3-D: its folder, and the moment at 2 s of the recording, of the live file and of the solver."""
+    folder = tmp_path_factory.mktemp("solid")
+    (folder / "solid.yaml").write_text(SOLID)
+    tp.simulate(folder / "solid.yaml", out=folder / "runs" / "solid-1", progress=False)
+    with tp.Simulation(folder / "solid.yaml") as sim:
+        file = InstantFile(sim.loop, folder / "w.npz")
+        sim.run(until=2.0)
+        file.written = -np.inf
+        file.update(sim.loop)
+        (gas,) = sim.loop.gas.gases
+        ppm = np.asarray(gas.cells(sim.loop.t)) * gas.species.ppm_per_density
+        moments = {"past": Past(folder / "runs/solid-1").at(2.0), "live": read(folder / "w.npz")}
+        winds = {}
+        for way, moment in moments.items():
+            for plane, z in SLICES.items():
+                points = np.insert(moment.winds[plane][:2].T, 2, z, axis=1)
+                winds[way, plane] = velocity_at(sim.loop.wind, points, 2.0)
+    return SimpleNamespace(folder=folder, moments=moments, ppm=ppm, winds=winds)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("way", ["past", "live"])
+def test_every_horizontal_plane_has_the_values_of_the_solver(solid, way):
+    moment = solid.moments[way]
+    assert {of.plane: of.quantity for of in moment.pictures.values()} == {
+        plane: f"ethanol · {text}" for plane, text in TEXTS.items()
+    }
+    ppm, about = solid.ppm, tp.open_run(solid.folder / "runs/solid-1").pictures.gas_slice.attrs
+    rounding = {key: about[f"{word}_precision"] for key, word in (("rel", "relative"), ("abs", "absolute"))}
+    precision = rounding if way == "past" else {"rel": 1e-4, "abs": 1e-4}
+    third = 0.3 * ppm[..., 3] + 0.7 * ppm[..., 4]  # 0.42 m lies between the middles of two layers
+    expected = {"slice": ppm[..., 1], "slice_2": third, "column": ppm.max(axis=2)}
+    for plane, values in expected.items():
+        assert pytest.approx(values, **precision) == moment.pictures[f"gas_{plane}"].values.T, plane
+    for plane in SLICES:
+        arrows = moment.wind(moment.pictures[f"gas_{plane}"])
+        velocity = solid.winds[way, plane][:, :2]
+        assert pytest.approx(velocity, rel=4e-3, abs=1e-3) == arrows[2:].T, plane
+    assert (moment.winds["slice"] != moment.winds["slice_2"]).any()
+    np.testing.assert_array_equal(moment.wind(moment.pictures["gas_column"]), moment.winds["slice"])
+
+
+@pytest.mark.slow
+def test_a_chosen_height_is_drawn_with_its_wind(solid):
+    page = page_of(solid.folder, "solid.yaml")
+    page.runs.choose(1)
+    page.time.choose(2.0)
+    assert dict(page.runs.quantity.options) == {
+        f"gas_{key}": f"ethanol · {text}" for key, text in TEXTS.items()
+    }
+    above = page.canvases[ABOVE]
+    for plane in ("slice", "slice_2"):
+        page.runs.quantity.value = f"gas_{plane}"
+        assert above._beside[2] is page.runs.sight.pictures[f"gas_{plane}"]
+        lines = above.sources["wind"].data
+        drawn = np.subtract(lines["x1"], lines["x0"])
+        u, v = solid.winds["past", plane].T[:2]
+        assert drawn == pytest.approx(above.arrow * u, rel=4e-3, abs=1e-3 * above.arrow), (
+            "the wind at that height"
+        )
+        fastest = np.hypot(u, v).max()
+        assert float(page.time.about.text.split()[2]) == pytest.approx(fastest, rel=0.06)
 
 
 @pytest.mark.slow
@@ -120,8 +205,8 @@ class Clock(Tab):
         self.periodic.remove(callback)
 
 
-def page_of(folder: Path) -> Any:
-    return Page(Clock(), Workplace(folder, folder / "small.yaml"))
+def page_of(folder: Path, name: str = "small.yaml") -> Any:
+    return Page(Clock(), Workplace(folder, folder / name))
 
 
 def shown(page) -> tuple[int, list[float]]:
@@ -264,7 +349,7 @@ def test_two_runs_are_seen_side_by_side_on_the_same_scales(two):
         assert canvas.sources["robots"].data["x"] == pytest.approx(list(moment.robots[0]))
         lines = canvas.sources["wind"].data
         drawn = np.hypot(*(np.subtract(lines[f"{d}1"], lines[f"{d}0"]) for d in "xy"))
-        assert drawn == pytest.approx(above.arrow * np.hypot(*moment.wind[2:])), "m per m/s"
+        assert drawn == pytest.approx(above.arrow * np.hypot(*moment.wind()[2:])), "m per m/s"
     assert (beside.figure.x_range, beside.figure.y_range) == (above.figure.x_range, above.figure.y_range)
     assert len(beside.sources["areas"].data["xs"]) == len(above.sources["areas"].data["xs"]) > 0, "its room"
     assert (above.figure.title.text, beside.figure.title.text) == ("run 2", "run 1")

@@ -395,7 +395,7 @@ def test_the_latest_instant_holds_the_air_and_the_robots(tmp_path):
             corners = [(0.1 * n + dx - 0.4, dy) for dx in (0.025, 0.075) for dy in (0.025, 0.075)]
             expected = density * max(plume(x, y) for x, y in corners)
             assert gas.values[5, n] == pytest.approx(expected, rel=0.02, abs=0.01)
-        assert sight.wind[2:] == pytest.approx(np.broadcast_to([[0.3], [0.0]], sight.wind[2:].shape))
+        assert sight.wind()[2:] == pytest.approx(np.broadcast_to([[0.3], [0.0]], sight.wind()[2:].shape))
         robots = sim.robots
         assert sight.robots[0] == pytest.approx(robots.x)
         assert sight.robots[2] == pytest.approx(robots.heading)

@@ -59,9 +59,13 @@ def test_the_file_of_the_drawn_room_has_it(declared, tmp_path):
         file.written = -inf
         file.update(sim.loop)
     instant = latest_instant.read(tmp_path / "w.npz")
-    assert list(instant.pictures) == ["gas_slice", "dose_slice"]
+    assert list(instant.pictures) == ["gas_slice", "gas_column", "dose_slice", "dose_column"]
     shown = instant.pictures["dose_slice"]
-    assert (shown.quantity, shown.unit, shown.scale) == ("dose", "1", Scale(0.0, 8.0, "linear"))
+    assert (shown.quantity, shown.unit, shown.scale) == (
+        f"dose · {HEIGHT:g} m above the floor",
+        "1",
+        Scale(0.0, 8.0, "linear"),
+    )
     x, y = np.meshgrid((np.arange(12) + 0.5) * 0.1, (np.arange(8) + 0.5) * 0.1)
     places = np.stack([x, y, np.full_like(x, HEIGHT)], axis=-1)
     np.testing.assert_allclose(shown.values, dose(places, 1.0), rtol=1e-6)
