@@ -1,4 +1,4 @@
-"""Views of the drawing as Bokeh figures: from above and, in 3-D, from the side. They show objects and know no text."""
+"""Views of the drawing as Bokeh figures: from above and, in 3-D, from the sides. They show objects and know no text."""
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from math import pi
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from bokeh.core.property.descriptors import UnsetValueError
 from bokeh.core.property.vectorization import value
+from bokeh.events import MouseWheel
 from bokeh.models import (
     ColorBar,
     ColumnDataSource,
@@ -24,11 +25,17 @@ from taichi_plume.draw.objects import Scene, Thing
 from taichi_plume.draw.parts import Outline, Pane, Plane, Point, Rectangle, extent
 from taichi_plume.execution.latest_instant import Instant, Picture
 from taichi_plume.report import theme
-from taichi_plume.report.theme import ABOVE
+from taichi_plume.report.theme import ABOVE, FRONT, SIDE
 
 MARGIN = 0.08  # of the longer side, around the room
 NEAR = 10.0  # pixels from a handle within which the pointer takes the handle
 USUAL_SIZE = (600.0, 450.0)  # pixels
+NAMES = {ABOVE: "above", SIDE: "side", FRONT: "front"}
+HIGHEST = 0.5  # of the height of the plan and the view below it: most of that view
+SETTLED = 200  # ms from a size of a figure to the last one
+BORDERS = (10, 50)  # pixels, above and below the inner part
+LOWEST = 60.0  # pixels: least height of that view
+WHEEL = 600.0  # of a turned wheel, as Bokeh's tool has it: to zoom by all
 LABELS = 2.0  # pixels by which the figure's inner part may change without being fitted again
 ARROW = 0.05  # of the longer side: an arrow of the fastest wind
 FINE = 200  # pixels along the longer side of a picture, at least half of them
@@ -91,25 +98,38 @@ class Canvas:
     """A figure of one plane. `show` draws objects, `show_run` the state of a run below them.
 
     leader: another canvas, whose ranges and whose scale of the wind this one has, to be compared with it.
+    plan: canvas from above, for a view from the side, which has its scale and, in x, its range. A room that is too high
+    for that is squeezed.
     """
 
-    def __init__(self, plane: Plane, leader: "Canvas | None" = None):
-        self.plane, self.leader = plane, leader
-        x_range = leader.figure.x_range if leader is not None else Range1d(start=-0.3, end=4.3)
+    def __init__(self, plane: Plane, leader: "Canvas | None" = None, plan: "Canvas | None" = None):
+        self.plane, self.leader, self.plan = plane, leader, plan
+        above = leader or (plan if plane == SIDE else None)
+        x_range = above.figure.x_range if above is not None else Range1d(start=-0.3, end=4.3)
         y_range = leader.figure.y_range if leader is not None else Range1d(start=-0.3, end=3.3)
         self.figure = figure(
             x_range=x_range, y_range=y_range, tools="", toolbar_location=None,
-            sizing_mode="stretch_both", min_border_left=60, min_border_bottom=50, min_border_top=10,
+            sizing_mode="stretch_both", min_border_left=70, min_border_top=BORDERS[0], min_border_bottom=BORDERS[1],
             min_border_right=10, output_backend="canvas", x_axis_label=f"{'xyz'[plane[0]]} [m]",
-            y_axis_label=f"{'xyz'[plane[1]]} [m]", name="beside" if leader else "above" if plane == ABOVE else "side",
+            y_axis_label=f"{'xyz'[plane[1]]} [m]", name="beside" if leader else NAMES[plane],
         )  # fmt: skip
         self.figure.context_menu = None  # the page has its own
-        wheel = WheelZoomTool()
-        self.figure.add_tools(wheel)
-        self.figure.toolbar.active_scroll = wheel
+        if plan is None:
+            wheel = WheelZoomTool()
+            self.figure.add_tools(wheel)
+            self.figure.toolbar.active_scroll = wheel
+        else:  # the tool would leave the plan's other axis as it is
+            self.figure.on_event(
+                MouseWheel, lambda e: self.zoom((e.x, e.y), 1 - np.clip(e.delta / WHEEL, -0.5, 0.5))
+            )
+            for range_ in (plan.figure.x_range, plan.figure.y_range):
+                for end in ("start", "end"):
+                    range_.on_change(end, lambda _attr, _old, _new: self._follow())
+            plan.figure.on_change("inner_height", lambda _attr, _old, _new: self._settle())
         self.figure.toolbar.active_drag = None
         self.room: tuple[float, ...] | None = None
         self._fitted = USUAL_SIZE
+        self._changes = 0  # of sizes of a view from the side and its plan
         self.sight: Instant | None = None
         self.arrow = 0.0
         """Length of the lines of the wind [m per m/s]."""
@@ -180,7 +200,7 @@ class Canvas:
         marks: Sequence[tuple[str, Point, bool]] = (),
     ) -> None:
         """Draw the objects of a text. chosen, wrong: paths of objects; marks: (number, position, is error)."""
-        if self.plane not in of.planes:
+        if self.plane not in of.planes or not self.figure.visible:
             return
         if of.room != self.room:
             self.room = of.room
@@ -297,20 +317,85 @@ class Canvas:
         try:
             return max(50.0, self.figure.inner_width), max(50.0, self.figure.inner_height)
         except UnsetValueError:  # no browser has drawn the figure yet
-            return USUAL_SIZE
+            height = (self.figure.height or 0) - sum(BORDERS)
+            return USUAL_SIZE[0], USUAL_SIZE[1] if self.plan is None else height
 
     def fit(self) -> None:
         """Show the whole room, at the same scale along both axes."""
         if self.room is None or self.leader is not None:
             return
-        sides, pixels = [self.room[d] for d in self.plane], self.pixels
-        self._fitted = pixels
-        margin = MARGIN * max(sides)
-        step = max((side + 2 * margin) / count for side, count in zip(sides, pixels, strict=True))
-        for range_, side, count in zip(
-            (self.figure.x_range, self.figure.y_range), sides, pixels, strict=True
-        ):
-            range_.update(start=(side - step * count) / 2, end=(side + step * count) / 2)
+        self._fitted = self.pixels
+        if self.plan is not None:
+            self._follow(self.room[2] / 2)
+            self._settle()
+            return
+        step = self._whole
+        for range_, d, count in zip(self._ranges, self.plane, self.pixels, strict=True):
+            _center(range_, self.room[d] / 2, step * count)
+
+    @property
+    def _ranges(self) -> tuple[Any, Any]:
+        """Ranges along both axes."""
+        return self.figure.x_range, self.figure.y_range
+
+    @property
+    def _sides(self) -> np.ndarray:
+        """Length of the room along each axis, with margins [m]."""
+        assert self.room is not None
+        return np.array(self.room) + 2 * MARGIN * max(self.room[:2])
+
+    @property
+    def _whole(self) -> float:
+        """Size of a pixel [m] at which the plan has the whole room."""
+        return float(max(self._sides[:2] / self.pixels))
+
+    def _settle(self) -> None:
+        """Share the height with the plan a little later: the sizes of figures arrive one by one."""
+        self._changes += 1
+        number = self._changes
+        if self.figure.document is None:
+            self._share_height(number)
+        else:
+            self.figure.document.add_timeout_callback(lambda: self._share_height(number), SETTLED)
+
+    def _share_height(self, number: int) -> None:
+        """Give this view the height of the room at the scale at which plan and view together have the whole room.
+
+        number: of the last change of a size; without effect if there has been another one since.
+        """
+        plan = self.plan
+        if number != self._changes or plan is None or self.room is None or not self.figure.visible:
+            return
+        (width, above), own = plan.pixels, self.pixels[1]
+        x, y, z = self._sides
+        step = max(x / width, (y + z) / (above + own))
+        wanted = min(max(z / step, LOWEST), HIGHEST * (above + own))
+        if abs(wanted - own) > LABELS:
+            self.figure.height = round(wanted) + sum(BORDERS)
+            self._follow()
+
+    def _follow(self, middle: float | None = None) -> None:
+        """Take the scale and the position of the plan. middle: height [m] at the middle of the view; None: as it is."""
+        plan = self.plan
+        if plan is None or plan.room is None or self.room is None or not self.figure.visible:
+            return
+        step, (width, height) = plan.pixel(), self.pixels
+        if self.plane == FRONT:
+            _center(self.figure.x_range, _middle(plan.figure.y_range), step * width)
+        squeezed = max(1.0, (1 + MARGIN) * self.room[2] / (height * plan._whole))
+        z = self.figure.y_range
+        _center(z, _middle(z) if middle is None else middle, step * height * squeezed)
+
+    def zoom(self, at: Point, factor: float) -> None:
+        """Show a length that is larger by a factor, in the plan too; the point stays where it is."""
+        plan = self.plan
+        assert plan is not None
+        z = _middle(self.figure.y_range)
+        self._follow(at[1] - (at[1] - z) * factor)
+        for axis, range_ in enumerate(plan._ranges):
+            middle, length = _middle(range_), range_.end - range_.start
+            fixed = at[0] if axis == self.plane[0] else middle
+            _center(range_, fixed - (fixed - middle) * factor, length * factor)
 
     def _resized(self) -> None:
         """Show the whole room again if the figure has another size, not only other labels at its axes."""
@@ -328,11 +413,12 @@ class Canvas:
 
     def pan(self, view: View, dx: float, dy: float) -> None:
         """Show a view moved by pixels."""
-        step = self.pixel()
-        for range_, (start, end), by in zip(
-            (self.figure.x_range, self.figure.y_range), view, (-dx * step, dy * step), strict=True
-        ):
-            range_.update(start=start + by, end=end + by)
+        for range_, (start, end), by, count in zip(self._ranges, view, (-dx, dy), self.pixels, strict=True):
+            shift = by * (end - start) / count
+            range_.update(start=start + shift, end=end + shift)
+        if self.plan is not None and self.plane == FRONT:
+            y = self.plan.figure.y_range
+            _center(y, _middle(self.figure.x_range), y.end - y.start)
 
     # ---------------------------------------------------------------- a run
 
@@ -349,6 +435,8 @@ class Canvas:
         of: objects of the run's text, present: of the drawn text; picture: that is shown. Picture, wind and robots are
         seen from above alone. A walker's start is drawn otherwise by `show` while a run is seen.
         """
+        if not self.figure.visible:
+            return
         beside = (of, present, picture, self.leader and self.leader.arrow)
         if sight is self.sight and all(a is b for a, b in zip(beside, self._beside, strict=True)):
             return
@@ -463,6 +551,15 @@ class Canvas:
                 if _distance(outline.points, at, outline.closed) <= near:
                     return thing.path
         return None
+
+
+def _middle(range_: Any) -> float:
+    return (range_.start + range_.end) / 2
+
+
+def _center(range_: Any, middle: float, length: float) -> None:
+    """Show a length around a middle [m]."""
+    range_.update(start=middle - length / 2, end=middle + length / 2)
 
 
 def _sent(value: Any) -> Any:

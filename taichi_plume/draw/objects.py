@@ -31,7 +31,7 @@ from taichi_plume.grid.shapes import Shape, ShapeError
 from taichi_plume.guard.safe_open import admit, gate
 from taichi_plume.guard.yaml_text import LineError
 from taichi_plume.report import theme
-from taichi_plume.report.theme import ABOVE, SIDE
+from taichi_plume.report.theme import ABOVE, FRONT, SIDE
 from taichi_plume.scenario.changes import Data, changed
 from taichi_plume.scenario.domain import Domain
 from taichi_plume.scenario.key_facts import models_in, own_kind
@@ -111,8 +111,8 @@ class Scene:
 
     @property
     def planes(self) -> list[Plane]:
-        """Planes of the views: from above and, in 3-D, from the side."""
-        return [ABOVE, SIDE] if self.room is not None and len(self.room) == 3 else [ABOVE]
+        """Planes of the views: from above and, in 3-D, from both sides."""
+        return _planes(self.room)
 
     def thing(self, path: str) -> Thing | None:
         """Return the object at a path; None if there is none."""
@@ -187,6 +187,10 @@ def scene(text: str, folder: Path, allow_outside: bool = False, last: Scene | No
     return Scene(text, data, room, tuple(things), sections)
 
 
+def _planes(room: tuple[float, ...] | None) -> list[Plane]:
+    return [ABOVE, SIDE, FRONT] if room is not None and len(room) == 3 else [ABOVE]
+
+
 def _section(
     data: Data, path: str, room: tuple[float, ...] | None, folder: Path, allow_outside: bool
 ) -> Section:
@@ -196,7 +200,7 @@ def _section(
         try:
             with gate(None if allow_outside else folder):
                 part = _part(data, path, model, room, folder)
-                for plane in (ABOVE, SIDE)[: len(room) - 1] if part is not None else ():
+                for plane in _planes(room) if part is not None else ():
                     part.drawn(plane)
         except (ShapeError, OSError, ValueError, LookupError, TypeError):
             part = None  # such as a position with too few numbers, or a file that cannot be read

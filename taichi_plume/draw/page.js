@@ -8,13 +8,13 @@ const act = (words) => { acts.value = `${words} ${Date.now()}` }
 
 // where the pointer was last: name of the view and position [m]
 let at = ""
-for (const plot of [above, side]) {
+for (const plot of [above, ...sides]) {
   for (const kind of ["mousemove", "mouseenter"]) plot.on_event(kind, ({x, y}) => { at = `${plot.name} ${x} ${y}` })
   Bokeh.index.find_one(plot).canvas.events_el.style.touchAction = "none"  // a finger moves the view, not the page
 }
 const within = (event, model) => event.composedPath().includes(Bokeh.index.find_one(model)?.el)
 document.addEventListener("contextmenu", (event) => {
-  if (!within(event, above) && !within(event, side)) return
+  if (![above, ...sides].some((plot) => within(event, plot))) return
   event.preventDefault()
   act(`menu:${at} ${event.clientX} ${event.clientY}`)
 }, true)

@@ -20,6 +20,7 @@ from bokeh.models import (
     CustomJS,
     Div,
     InlineStyleSheet,
+    RadioButtonGroup,
     TabPanel,
     Tabs,
     TextAreaInput,
@@ -44,7 +45,7 @@ from taichi_plume.draw.words import Words
 from taichi_plume.draw.workplace import FileChangedError, Workplace
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.yaml_text import LineError, read_text
-from taichi_plume.report.theme import ABOVE, SIDE
+from taichi_plume.report.theme import ABOVE, FRONT, SIDE
 
 FINEST = 0.01  # m: step of the arrow keys without a grid
 GAP = 30  # ms from one page that follows to the next, in which the server reads what users do
@@ -79,7 +80,8 @@ class Page:
         document.config.update(
             reconnect_session=False, notify_connection_status=False
         )  # as the script does both
-        self.canvases = {ABOVE: Canvas(ABOVE), SIDE: Canvas(SIDE)}
+        plan = Canvas(ABOVE)
+        self.canvases = {ABOVE: plan, SIDE: Canvas(SIDE, plan=plan), FRONT: Canvas(FRONT, plan=plan)}
         self.time = TimeBar(self)
         self.form, self.runs = FormPanel(self), RunPanel(self)
         self._build()
@@ -159,11 +161,17 @@ class Page:
         self.question = row(
             self.banner, *answers, visible=False, sizing_mode="stretch_width", css_classes=["ask"]
         )
-        above, side = self.canvases[ABOVE].figure, self.canvases[SIDE].figure
-        side.update(height=190, sizing_mode="stretch_width")
+        above, *sides = (canvas.figure for canvas in self.canvases.values())
+        for side in sides:
+            side.update(height=190, sizing_mode="stretch_width", visible=False)
+        self.side = RadioButtonGroup(
+            labels=["side: x–z", "y–z"], active=0, css_classes=["corner"], name="which side"
+        )
+        self.side.on_change("active", lambda _attr, _old, _new: self._switched())
         views = column(
             self.files.layout, self.question, self.message,
-            row(above, self.runs.beside.figure, sizing_mode="stretch_both"), row(side, sizing_mode="stretch_width"),
+            row(above, self.runs.beside.figure, sizing_mode="stretch_both"),
+            row(*sides, self.runs.below, self.side, sizing_mode="stretch_width"),
             self.time.layout, self.hint, self.size,
             sizing_mode="stretch_both",
         )  # fmt: skip
@@ -197,7 +205,7 @@ class Page:
             "editor": self.editor,
             "notes": self.notes,
             "above": above,
-            "side": side,
+            "sides": sides,
             "menu": self.menu.layout,
         }
         self.document.js_on_event(DocumentReady, CustomJS(args=models, code=SCRIPT))
@@ -242,11 +250,20 @@ class Page:
         self.name.value = work.file.name
         self.document.title = f"{work.file.name} - taichi_plume draw"
         self.title.text = "" if work.saved else "not saved"
-        self.canvases[SIDE].figure.visible = SIDE in self.scene.planes
+        self.side.visible = len(self.scene.planes) > 1
+        for n, plane in enumerate((SIDE, FRONT)):
+            self.canvases[plane].figure.visible = self.side.visible and self.side.active == n
         self._show_remarks()
         self._banner()
         self._show_message()
         self.look()
+
+    def _switched(self) -> None:
+        """Show the other view from the side."""
+        self.refresh()
+        for canvas in self.canvases.values():
+            if canvas.plan is not None:
+                canvas.fit()
 
     def _show_remarks(self) -> None:
         """Show the errors and warnings of the present text in list, form and views, or that it is being checked."""
@@ -428,7 +445,7 @@ class Page:
         self.select([thing.path for thing in things if thing.path not in ("domain", "arena")])
 
     def fit(self) -> None:
-        """Show the whole room in both views."""
+        """Show the whole room in all views."""
         for canvas in self.canvases.values():
             canvas.fit()
 

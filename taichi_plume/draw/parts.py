@@ -1,7 +1,7 @@
 """Geometry of the drawn sections of a scenario: outlines, and handles by which a pointer changes the section.
 
-A plane is a pair of axes, as of `report.theme`: (0, 1) from above, (0, 2) from the side. Handles are named points. A
-moved handle gives keys of the section new values in SI units.
+A plane is a pair of axes, as of `report.theme`: (0, 1) from above, (0, 2) and (1, 2) from the side. Handles are named
+points. A moved handle gives keys of the section new values in SI units.
 """
 
 from collections.abc import Sequence
@@ -324,7 +324,8 @@ class Points(Part):
         else:
             low, height = self.base
             discs = [
-                rectangle((x - self.radius, low), (x + self.radius, low + height)) for x in self.places[:, 0]
+                rectangle((x - self.radius, low), (x + self.radius, low + height))
+                for x in self.places[:, plane[0]]
             ]
         ends = [self._seen(end, plane) for end in self.points.values()]
         return [*map(Outline, discs), *([Outline(np.array(ends), False)] if len(self.keys) == 2 else [])]

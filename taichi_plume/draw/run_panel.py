@@ -13,6 +13,7 @@ from bokeh.models import (
     HTMLTemplateFormatter,
     InlineStyleSheet,
     Select,
+    Spacer,
     Span,
     StringFormatter,
     TableColumn,
@@ -61,6 +62,9 @@ class RunPanel:
         self._drawn: dict[str, np.ndarray | None] = {}  # readings of the curves' sources
         self._pair: tuple[tuple[object, ...], Pair] = (), (None, None)
         self.beside = Canvas(ABOVE, page.canvases[ABOVE])  # the compared run
+        self.below = Spacer(
+            sizing_mode="stretch_width", visible=False
+        )  # so that the side view is as wide as the plan
         self.beside.figure.visible = False
         self._room: Scene | None = None  # that is drawn there
         self._listed: list[int] = []  # numbers of the runs in the table
@@ -254,7 +258,7 @@ class RunPanel:
         other, seen = self.compared, self.other_sight
         self.way.visible = other is not None
         there = self.way.value == BESIDE and other is not None and seen is not None
-        self.beside.figure.visible = there
+        self.beside.figure.visible = self.below.visible = there
         title: Any = self.page.canvases[ABOVE].figure.title
         title.text = f"run {self.number}" if there else ""
         if other is None or seen is None or not there:

@@ -8,7 +8,7 @@ from test_document import ROOT
 from test_drawn_page import drag, opened, use
 
 from taichi_plume.draw import edits, palette
-from taichi_plume.report.theme import ABOVE, SIDE
+from taichi_plume.report.theme import ABOVE, FRONT, SIDE
 
 ROOM = (ROOT / "configs/casting_room.yaml").read_text()
 
@@ -204,3 +204,67 @@ def test_every_kind_is_in_the_palette_once_with_an_icon_and_one_button_is_presse
         assert page.pointer.kind == kind
         pressed = [group for group in page.pointer.palette.groups.values() if group.active is not None]
         assert [group.labels[group.active] for group in pressed] == [kind]
+
+
+def test_the_views_from_the_side_keep_the_scale_and_the_range_of_the_plan(tmp_path):
+    _, page = opened(tmp_path, (ROOT / "configs/arena_3d.yaml").read_text())
+    plan, side, front = page.canvases.values()
+
+    def pixels(canvas) -> list[float]:
+        return [(end - start) / count for (start, end), count in zip(canvas.view, canvas.pixels, strict=True)]
+
+    def are_aligned() -> None:
+        step = plan.pixel()
+        assert pixels(plan) == pytest.approx([step, step])
+        shown = [canvas for canvas in (side, front) if canvas.figure.visible]
+        assert len(shown) == 1
+        for canvas in shown:
+            assert pixels(canvas) == pytest.approx([step, step])
+            beside = plan.view[canvas.plane[0]]
+            assert sum(canvas.view[0]) == pytest.approx(sum(beside)), "the same middle"
+        assert not side.figure.visible or side.view[0] == plan.view[0]
+
+    for active, canvas in enumerate((side, front)):
+        page.side.active = active
+        are_aligned()
+        canvas.zoom((1.0, 0.2), 0.5)
+        are_aligned()
+        plan.pan(plan.view, 30, 40)
+        are_aligned()
+        before = canvas.view
+        canvas.pan(before, 50, 10)
+        are_aligned()
+        step = plan.pixel()
+        assert canvas.view[0][0] == pytest.approx(before[0][0] - 50 * step), "right of it is less"
+        assert canvas.view[1][0] == pytest.approx(before[1][0] + 10 * step)
+        page.fit()
+        are_aligned()
+
+
+def test_a_room_that_is_too_high_for_the_scale_is_squeezed(tmp_path):
+    _, page = opened(tmp_path, "domain: {size: [4, 3, 40], spacing: 0.1}\n")
+    plan, side, _ = page.canvases.values()
+    (left, right), (bottom, top) = side.view
+    assert (left, right) == plan.view[0]
+    assert bottom < 0 < 40 < top
+
+
+def test_objects_are_dragged_in_both_views_from_the_side(tmp_path):
+    boxes = "[{kind: box, center: [1, 1, 1], size: [0.4, 0.4, 0.4]}, {kind: cylinder, center: [3, 2], radius: 0.2}]"
+    robots = "[{count: 2, start: {kind: positions, positions: [[1, 0.5], [2, 2.5]]}}]"
+    text = f"domain: {{size: [4, 3, 2], spacing: 0.1}}\nobstacles: {boxes}\nrobots: {robots}\n"
+    _, page = opened(tmp_path, text)
+    page.side.active = 1
+    assert [canvas.figure.visible for canvas in page.canvases.values()] == [True, False, True]
+    drag(page, (1.0, 1.0), (1.25, 1.3), plane=FRONT)
+    assert page.scene.data["obstacles"][0]["center"] == [1, 1.25, 1.3]
+    drag(page, (2.0, 1.0), (1.5, 1.0), plane=FRONT)
+    assert page.scene.data["obstacles"][1]["center"] == [3, 1.5]
+    middles = [
+        outline.points.mean(axis=0)[0] for outline in page.scene.thing("robots[0]").outlines(FRONT)[:2]
+    ]
+    assert middles == pytest.approx([0.5, 2.5]), "robots are drawn at their y"
+    page.side.active = 0
+    assert page.canvases[FRONT].plan is page.canvases[ABOVE]
+    drag(page, (1.0, 1.3), (1.5, 1.3), plane=SIDE)
+    assert page.scene.data["obstacles"][0]["center"] == [1.5, 1.25, 1.3]

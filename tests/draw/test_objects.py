@@ -14,7 +14,7 @@ from taichi_plume.draw import checks
 from taichi_plume.draw.canvas import Canvas
 from taichi_plume.draw.document import data_of
 from taichi_plume.draw.objects import named, names, scene
-from taichi_plume.report.theme import ABOVE, SIDE
+from taichi_plume.report.theme import ABOVE, FRONT, SIDE
 from taichi_plume.scenario.changes import changed
 from taichi_plume.scenario.loading import ScenarioError, read_scenario
 
@@ -59,7 +59,7 @@ def test_shipped_scenarios_are_drawn_where_they_are(path):
 def test_heights_are_drawn_in_the_view_from_the_side():
     path = next(path for path in SCENARIOS if path.stem == "arena_3d")
     of = scene(path.read_text(), path.parent)
-    assert of.planes == [ABOVE, SIDE]
+    assert of.planes == [ABOVE, SIDE, FRONT]
     low, high = surrounding(of.thing("obstacles[2]").outlines(SIDE))
     assert (low[1], high[1]) == pytest.approx((0.0, 0.3))
     assert set(of.thing("obstacles[2]").handles(SIDE)) == {"center", "+0+1", "+0-1"}

@@ -125,8 +125,10 @@ def test_every_horizontal_plane_has_the_values_of_the_solver(solid, way):
         plane: f"ethanol · {text}" for plane, text in TEXTS.items()
     }
     ppm, about = solid.ppm, tp.open_run(solid.folder / "runs/solid-1").pictures.gas_slice.attrs
-    rounding = {key: about[f"{word}_precision"] for key, word in (("rel", "relative"), ("abs", "absolute"))}
-    precision = rounding if way == "past" else {"rel": 1e-4, "abs": 1e-4}
+    rounding: Any = {
+        key: about[f"{word}_precision"] for key, word in (("rel", "relative"), ("abs", "absolute"))
+    }
+    precision: Any = rounding if way == "past" else {"rel": 1e-4, "abs": 1e-4}
     third = 0.3 * ppm[..., 3] + 0.7 * ppm[..., 4]  # 0.42 m lies between the middles of two layers
     expected = {"slice": ppm[..., 1], "slice_2": third, "column": ppm.max(axis=2)}
     for plane, values in expected.items():

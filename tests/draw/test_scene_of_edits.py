@@ -15,7 +15,7 @@ from taichi_plume.draw.document import EditError, delete, duplicate, set_value
 from taichi_plume.draw.objects import scene
 from taichi_plume.draw.workplace import Workplace
 from taichi_plume.guard.yaml_text import LineError
-from taichi_plume.report.theme import ABOVE, SIDE
+from taichi_plume.report.theme import ABOVE
 
 CONFIGS = (
     "casting_room",
@@ -35,7 +35,7 @@ def seen(of):
     def plain(part):
         if part is None:
             return None
-        drawn = [part.drawn(plane) for plane in (ABOVE, SIDE)[: len(of.room) - 1]]
+        drawn = [part.drawn(plane) for plane in of.planes]
         return (
             part.model,
             part.within,
