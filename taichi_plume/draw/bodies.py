@@ -1,5 +1,6 @@
 """Geometry of drawn obstacles: their outlines, and handles for corners, rims, heights, turning and way points."""
 
+from functools import cached_property
 from math import atan2, degrees, hypot
 from typing import Any
 
@@ -14,10 +15,12 @@ from taichi_plume.draw.parts import (
     Point,
     Values,
     dragged,
+    moved_point,
     pair,
     size_text,
 )
 from taichi_plume.grid.floor_plans import FloorPlan
+from taichi_plume.grid.meshes import Solid
 from taichi_plume.grid.outlines import rectangle
 from taichi_plume.grid.shapes import Shape, rotation
 from taichi_plume.report.theme import ABOVE
@@ -74,9 +77,25 @@ class Body(Part):
             return np.empty((0, 2))
         return np.array([self.model.center[:2], *(point[1:] for point in motion.path)], float)
 
+    @cached_property
+    def _own_box(self) -> np.ndarray:
+        """Lower and upper corner (2, 2) [m] of a mesh from above, in axes that turn with it, from its origin."""
+        assert isinstance(self.shape, Solid)
+        own = (self.shape.vertices[:, :2] - self.model.translate[:2]) @ rotation(self.model.yaw_deg)
+        return np.array([own.min(axis=0), own.max(axis=0)])
+
+    def turned(self, yaw_deg: float) -> Values:
+        """Return the new values of keys of a box or a mesh at another angle [degrees]; its middle stays."""
+        if not isinstance(self.model, Mesh):
+            return {"yaw_deg": yaw_deg}
+        shift = (rotation(self.model.yaw_deg) - rotation(yaw_deg)) @ self._own_box.mean(axis=0)
+        return {"yaw_deg": yaw_deg, "translate": moved_point(self.model.translate, np.append(shift, 0.0))}
+
     def handles(self, plane: Plane) -> dict[str, Point]:
         model, (low, high) = self.model, self._span(plane)
         middle = (np.array(low) + high) / 2
+        if isinstance(model, Mesh) and plane == ABOVE:
+            middle = model.translate[:2] + rotation(model.yaw_deg) @ self._own_box.mean(axis=0)
         handles = {"center": pair(middle)}
         if plane != ABOVE:
             if not isinstance(model, Mesh | WallMap):
@@ -94,7 +113,7 @@ class Body(Part):
             turned, half = rotation(model.yaw_deg), np.array(model.size[:2]) / 2
             handles |= {f"{i:+d}{j:+d}": pair(model.center[:2] + turned @ (half * (i, j))) for i, j in SIGNS}
         if isinstance(model, Box | Mesh):
-            reach = (model.size[0] if isinstance(model, Box) else high[0] - low[0]) / 2 + ARM
+            reach = (model.size[0] if isinstance(model, Box) else np.ptp(self._own_box, axis=0)[0]) / 2 + ARM
             handles["turn"] = pair(middle + rotation(model.yaw_deg) @ (reach, 0))
         return handles
 
@@ -104,7 +123,7 @@ class Body(Part):
             return super().moved(handle, plane, to)
         if handle == "turn":
             x, y = self.handles(plane)["center"]
-            return {"yaw_deg": float(round(degrees(atan2(to[1] - y, to[0] - x)), 1))}
+            return self.turned(float(round(degrees(atan2(to[1] - y, to[0] - x)), 1)))
         if handle.startswith("way "):
             return {f"motion.path[{handle[4:]}][{1 + d}]": float(to[d]) for d in range(2)}
         if handle == "rim":

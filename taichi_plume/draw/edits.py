@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from taichi_plume.draw.bodies import Body
 from taichi_plume.draw.document import (
     EditError,
     add,
@@ -92,10 +93,11 @@ def move(text: str, of: Scene, moves: Sequence[Move], plane: Plane) -> str:
     return _with_values(text, values)
 
 
-def turn(text: str, paths: Sequence[str], by: float) -> str:
+def turn(text: str, paths: Sequence[str], by: float, of: Scene | None = None) -> str:
     """Return the text once boxes, meshes, or the headings of robots have been turned by an angle [degrees].
 
-    Of several objects those that cannot be turned stay.
+    of: the text's objects, by which meshes are turned about their middle, not about the origin of their file. Of
+    several objects those that cannot be turned stay.
     """
     turnable = [path for path in paths if can_turn(data_of(text), path)]
     if not turnable:
@@ -105,7 +107,12 @@ def turn(text: str, paths: Sequence[str], by: float) -> str:
         angle = value_at(data_of(text), key) or 0
         if not isinstance(angle, int | float):
             raise EditError(f"{key}: got {angle}; must be a number")
-        text = set_value(text, key, number((angle + by + 180) % 360 - 180))
+        angle = (angle + by + 180) % 360 - 180
+        thing = of.thing(path) if of is not None else None
+        if thing is not None and isinstance(thing.part, Body):
+            text = with_values(text, path, thing.part.turned(angle))
+        else:
+            text = set_value(text, key, number(angle))
     return text
 
 

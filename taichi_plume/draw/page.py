@@ -431,7 +431,7 @@ class Page:
 
     def turn(self, degrees: float) -> None:
         """Turn the selected objects by an angle [degrees]."""
-        self.edit(lambda: edits.turn(self.workplace.text, self.selection, degrees))
+        self.edit(lambda: edits.turn(self.workplace.text, self.selection, degrees, self.scene))
 
     def delete(self) -> None:
         """Delete the selected objects."""

@@ -268,3 +268,36 @@ def test_objects_are_dragged_in_both_views_from_the_side(tmp_path):
     assert page.canvases[FRONT].plan is page.canvases[ABOVE]
     drag(page, (1.0, 1.3), (1.5, 1.3), plane=SIDE)
     assert page.scene.data["obstacles"][0]["center"] == [1.5, 1.25, 1.3]
+
+
+@pytest.mark.parametrize("room", ["[4, 3, 2]", "[4, 3]"])
+def test_a_mesh_is_placed_and_turned_about_its_middle(tmp_path, room):
+    """The origin of its file is far from it, as that of a building's coordinates."""
+    corners, faces = ("5 7 0", "6 7 0", "5 7.4 0", "5 7 1"), ("1 3 2", "1 2 4", "2 3 4", "3 1 4")
+    lines = [f"v {corner}" for corner in corners] + [f"f {face}" for face in faces]
+    (tmp_path / "body.obj").write_text("\n".join(lines))
+    mesh = "{kind: mesh, file: body.obj, translate: [-4, -6, 0], section: 0.1}"
+    text = f"domain: {{size: {room}, spacing: 0.1}}\nobstacles: [{mesh}]\n"
+    _, page = opened(tmp_path, text)
+
+    def handles():
+        return page.scene.thing("obstacles[0]").handles(ABOVE)
+
+    page.select(["obstacles[0]"])
+    assert handles()["center"] == pytest.approx((1.5, 1.2))
+    assert handles()["turn"] == pytest.approx((1.5 + 0.5 + 0.25, 1.2)), "a quarter of a metre from its end"
+    drag(page, handles()["center"], (2.0, 1.5), plane=ABOVE)
+    assert handles()["center"] == pytest.approx((2.0, 1.5))
+    for angle in (40, -100):
+        to = np.add((2.0, 1.5), [0.9 * np.cos(np.radians(angle)), 0.9 * np.sin(np.radians(angle))])
+        drag(page, handles()["turn"], tuple(to))
+        assert page.scene.data["obstacles"][0]["yaw_deg"] == angle
+        assert handles()["center"] == pytest.approx((2.0, 1.5), abs=1e-3), "its middle stays, to a millimetre"
+        arm = 0.75 * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
+        assert handles()["turn"] == pytest.approx(np.add((2.0, 1.5), arm), abs=2e-3), "points to the pointer"
+    page.turn(100)
+    assert page.scene.data["obstacles"][0]["yaw_deg"] == 0
+    assert page.scene.data["obstacles"][0]["translate"] == pytest.approx([-3.5, -5.7, 0], abs=3e-3)
+    for _ in range(4):
+        page._undo()
+    assert page.workplace.text == text
