@@ -369,9 +369,9 @@ class Canvas:
         (width, above), own = plan.pixels, self.pixels[1]
         x, y, z = self._sides
         step = max(x / width, (y + z) / (above + own))
-        wanted = min(max(z / step, LOWEST), HIGHEST * (above + own))
-        if abs(wanted - own) > LABELS:
-            self.figure.height = round(wanted) + sum(BORDERS)
+        share = min(max(z / step, LOWEST), HIGHEST * (above + own))
+        if abs(share - own) > LABELS:
+            self.figure.height = round(share) + sum(BORDERS)
             self._follow()
 
     def _follow(self, middle: float | None = None) -> None:

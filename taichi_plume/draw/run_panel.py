@@ -62,9 +62,8 @@ class RunPanel:
         self._drawn: dict[str, np.ndarray | None] = {}  # readings of the curves' sources
         self._pair: tuple[tuple[object, ...], Pair] = (), (None, None)
         self.beside = Canvas(ABOVE, page.canvases[ABOVE])  # the compared run
-        self.below = Spacer(
-            sizing_mode="stretch_width", visible=False
-        )  # so that the side view is as wide as the plan
+        # below it: the side view is then as wide as the plan
+        self.below = Spacer(sizing_mode="stretch_width", visible=False)
         self.beside.figure.visible = False
         self._room: Scene | None = None  # that is drawn there
         self._listed: list[int] = []  # numbers of the runs in the table
