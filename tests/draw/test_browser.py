@@ -272,7 +272,7 @@ def test_keys_are_completed_and_undone_in_the_editor(visit, tmp_path):
     page = visit("room.yaml")
     page.tab("YAML")
     page.page.wait_for_selector(EDITOR)
-    page.changed(lambda: page.write("warm_up: 12 s", "warm_up: 12 s\n"))
+    page.changed(lambda: page.write("warm_up: 12 s", "warm_up: 12 s  # 𝒯 = 12 s, 𝓊 = 0.5 m/s 🌀🌀🌀\n"))
     page.changed(lambda: page.page.keyboard.type("stop"))
     page.page.locator(".ace_autocomplete", has_text="stop_early").wait_for()
     page.picture("e_completed")
