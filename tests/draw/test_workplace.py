@@ -446,7 +446,7 @@ def test_a_draft_that_was_saved_is_not_offered_once_its_file_is_opened_again(pla
 
 def test_an_example_that_cannot_be_copied_is_an_error_in_a_line(place, monkeypatch):
     monkeypatch.setattr("shutil.copyfile", full)
-    with pytest.raises(InputError, match="quiet_room.*No space"):
+    with pytest.raises(InputError, match=r"quiet_room.*No space"):
         place.example("quiet_room")
 
 
