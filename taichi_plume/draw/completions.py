@@ -44,7 +44,7 @@ def completions(text: str, index: int) -> list[Completion]:
 
 
 def _length(pattern: str, text: str) -> int:
-    """Return the length of a pattern at the start of a text; a search for its end takes the square of a word's length."""
+    """Return the length of what matches at the start of a text."""
     found = re.match(pattern, text)
     return found.end() if found else 0
 
