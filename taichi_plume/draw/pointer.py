@@ -57,7 +57,7 @@ class Pointer:
         self.page = page
         self.dragged: Drag | None = None
         self.points: list[Point] = []
-        self.step = Select(options=list(STEPS), value="5 cm", width=80)
+        self.step = Select(title="grid", options=list(STEPS), value="5 cm", width=80, css_classes=["alone"])
         self.file = Select(title="file", width=110, visible=False)
         self.palette = Palette(sheet, lambda _: self._tool_changed())
         for canvas in page.canvases.values():

@@ -125,7 +125,8 @@ def test_a_run_whose_file_says_running_is_interrupted_unless_its_folder_is_locke
 
 
 @pytest.mark.parametrize(
-    "groups", ["5", "[5]", '[{"per_trial": 1}]', '[{"per_trial": [1], "no_search": false, "summary": {"time_s": 1}}]']
+    "groups",
+    ["5", "[5]", '[{"per_trial": 1}]', '[{"per_trial": [1], "no_search": false, "summary": {"time_s": 1}}]'],
 )
 def test_a_folder_of_another_program_is_listed_like_a_run(tmp_path, groups):
     """Otherwise the page of its folder could not be opened."""
