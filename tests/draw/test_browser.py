@@ -347,6 +347,13 @@ def test_hands_use_keys_the_right_button_and_a_rectangle(visit, tmp_path):
     mouse.up()
     page.page.wait_for_timeout(500)
     assert page.at(0.5, 0.3)[0] - x == pytest.approx(80, abs=1), "the floor stays under the pointer"
+    page.page.evaluate("addEventListener('keydown', (event) => { window.kept = event.defaultPrevented })")
+    keyboard.down("Control")
+    for _ in range(4):  # held: the browser's own dialog must not open
+        keyboard.down("s")
+        assert page.page.evaluate("kept"), "Ctrl-S is the page's alone"
+    keyboard.up("s")
+    keyboard.up("Control")
     keyboard.press("?")
     page.page.get_by_text("paste at the pointer").wait_for()
     assert page.errors == []

@@ -211,9 +211,10 @@ def test_objects_are_pasted_together_at_a_point_under_free_names():
     pasted, new = edits.paste(text, copied, HERE, (2.0, 1.0))
     assert new == ["obstacles[3]", "obstacles[4]", "robots[2]"]
     before, after = scene(text, HERE), scene(pasted, HERE)
-    shifts = [
-        np.subtract(after.thing(b).place(), before.thing(a).place()) for a, b in zip(paths, new, strict=False)
+    old_and_new = [
+        (before.thing(a).place(), after.thing(b).place()) for a, b in zip(paths, new, strict=False)
     ]
+    shifts = [np.subtract(b, a) for a, b in old_and_new if a is not None and b is not None]
     assert shifts[1] == pytest.approx(shifts[0], abs=2e-3)
     assert shifts[2] == pytest.approx(shifts[0], abs=2e-3)
     places = np.array([after.thing(path).place() for path in new])
