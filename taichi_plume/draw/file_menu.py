@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from bokeh.layouts import row
 from bokeh.models import Button, Div, Dropdown, FileInput, Select, TextInput
 
-from taichi_plume.draw.workplace import BROUGHT, DRAWN, ENDINGS
+from taichi_plume.draw.workplace import BROUGHT, DRAWN, ENDINGS, is_map
 from taichi_plume.files.bundled import example, names
 from taichi_plume.guard.input_error import InputError
 
@@ -109,7 +109,7 @@ class FileMenu:
             except Error:
                 raise InputError(f"{name}: has not arrived whole; try again") from None
             file = place.take(name, content)
-            if file.suffix in ENDINGS and b"image:" not in content:  # not of a map
+            if file.suffix in ENDINGS and not is_map(file):
                 place.open(file.name)
 
         self._take(work)

@@ -209,6 +209,8 @@ class Workplace:
         name: of a scenario, a mesh, a map or its picture; folders in it count for nothing.
         """
         file = self.folder / Path(name.replace("\\", "/")).name
+        if file.suffix.lower() in ENDINGS:
+            file = file.with_suffix(file.suffix.lower())
         if file.suffix.lower() not in BROUGHT or file.name.startswith("."):
             raise InputError(f"{visible(file.name)}: must end in {', '.join(BROUGHT)}")
         if len(content) > MOST_BROUGHT:
@@ -230,7 +232,10 @@ class Workplace:
         return sorted(
             file.name
             for file in self.folder.iterdir()
-            if file.suffix in ENDINGS and not file.name.startswith(".") and file.is_file()
+            if file.suffix in ENDINGS
+            and not file.name.startswith(".")
+            and file.is_file()
+            and not is_map(file)
         )
 
     def reload(self) -> None:
@@ -393,3 +398,11 @@ class Workplace:
     def _notify(self, runs_alone: bool = False) -> None:
         for page in list(self.pages):
             page.follow(runs_alone)
+
+
+def is_map(file: Path) -> bool:
+    """Return whether a YAML file is a map of ROS's map_server: scenarios lie beside it."""
+    try:
+        return "image" in data_of(read_text(file))
+    except (LineError, OSError):
+        return False

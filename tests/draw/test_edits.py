@@ -204,6 +204,16 @@ def test_several_objects_are_moved_copied_and_removed_as_each_alone(base):
     assert not [path for path in paths if path in left]
 
 
+def test_a_new_probe_has_a_free_name():
+    text = BASES["casting_room"]
+    for _ in range(2):
+        text, _ = edits.create(text, scene(text, HERE), "probe", [(1.0, 1.0)])
+    text = edits.remove(text, ["probes.points[0]"])
+    for _ in range(2):
+        text, _ = edits.create(text, scene(text, HERE), "probe", [(1.0, 1.0)])
+    assert [each["name"] for each in data_of(text)["probes"]["points"]] == ["p2", "p1", "p3"]
+
+
 def test_objects_are_pasted_together_at_a_point_under_free_names():
     text = BASES["casting_room"]
     paths = ["obstacles[0]", "obstacles[2]", "robots[0]", "domain", ""]

@@ -462,6 +462,9 @@ def test_an_example_is_opened_as_a_copy_with_its_files(place, tmp_path):
 def test_a_file_is_brought_into_the_folder_and_replaces_none(place, tmp_path):
     assert place.take("C:\\parts\\pillar.stl", b"solid").read_bytes() == b"solid"
     assert sorted(path.name for path in tmp_path.iterdir() if path.suffix == ".stl") == ["pillar.stl"]
+    assert place.take("HALL.YAML", b"image: hall.png").name == "HALL.yaml"
+    assert place.take("b.yaml", b"# no image: a room\nname: b").name == "b.yaml"
+    assert place.files == ["b.yaml", "room.yaml"], "maps are no scenarios"
     for name, content, word in (
         ("room.yaml", b"name: a", "exists already"),
         ("../up.py", b"", "must end in"),
