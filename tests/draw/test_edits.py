@@ -14,6 +14,7 @@ from taichi_plume.draw.document import EditError, data_of, value_at
 from taichi_plume.draw.history import History
 from taichi_plume.draw.objects import scene
 from taichi_plume.draw.parts import Pane, Rectangle
+from taichi_plume.quantities import split
 from taichi_plume.report.theme import ABOVE, SIDE
 from taichi_plume.scenario.checks import every
 from taichi_plume.scenario.loading import read_scenario
@@ -351,8 +352,13 @@ def carried_out(text, action):
     row = rows[rest[1] % len(rows)]
     new = forms.entered(text, of.data, row.path, rest[2])
     if rest[2]:
-        given = value_at(data_of(new), row.path)
-        assert given == data_of(f"x: {rest[2]}")["x"], "the text has what the form says"
+        old, given = value_at(of.data, row.path), value_at(data_of(new), row.path)
+        unit = split(old) if isinstance(old, str) else None  # stays beside a number
+        allowed = [
+            rest[2] if row.about.is_text else data_of(f"x: {rest[2]}")["x"],
+            f"{rest[2]} {unit[1]}" if unit else None,
+        ]
+        assert given in allowed, "the text has what the form says"
     return new
 
 
