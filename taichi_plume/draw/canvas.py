@@ -146,7 +146,7 @@ class Canvas:
             source = self.sources[name] = ColumnDataSource({key: [] for key in keys})
             given = {key: key for key in keys if key in COORDINATES}
             getattr(self.figure, method)(source=source, **given, **style)
-        read = [each for each in self.figure.renderers if each.data_source is self.sources["values"]]
+        read: Any = [each for each in self.figure.renderers if each.data_source is self.sources["values"]]
         self.reader = HoverTool(
             renderers=read, formatters={"@image": "printf"}, attachment="above", visible=False
         )

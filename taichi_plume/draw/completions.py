@@ -12,6 +12,7 @@ from taichi_plume.scenario.changes import path_of
 from taichi_plume.scenario.key_facts import first_sentence, purpose
 
 HERE = "\ue000"  # stands for the word that is being typed
+WORD = r"[\w.]*"
 
 
 class Completion(NamedTuple):
@@ -27,8 +28,8 @@ def completions(text: str, index: int) -> list[Completion]:
 
     Keys that the section has already are left out. An incomplete text is read as far as the word.
     """
-    before = re.sub(r"[\w.]*$", "", text[:index])
-    after = re.sub(r"^[\w.]*:?", "", text[index:])
+    begin = index - _length(WORD, text[:index][::-1])
+    before, after = text[:begin], text[index + _length(WORD + ":?", text[index:]) :]
     is_key = not before.rstrip(" ").endswith(":")
     word = f"{HERE}: 0" if is_key else HERE
     for whole in (f"{before}{word}{after}", f"{before}{word}{_closing(before)}"):
@@ -40,6 +41,12 @@ def completions(text: str, index: int) -> list[Completion]:
         if path is not None:
             return _keys(data, parent_of(path)[0]) if is_key else _values(data, path)
     return []
+
+
+def _length(pattern: str, text: str) -> int:
+    """Return the length of what matches at the start of a text."""
+    found = re.match(pattern, text)
+    return found.end() if found else 0
 
 
 def _keys(data: Any, section: str) -> list[Completion]:

@@ -117,11 +117,13 @@ class Editor(_Files):
 
 
 class Completions(_Files):
-    """Completions at a place of a text, as Ace takes them; the editor sends its text."""
+    """Completions at the end of a text that is followed by another, as Ace takes them; the editor sends both."""
 
     async def post(self) -> None:
-        index, text = self.get_query_argument("index", ""), self.request.body.decode("utf-8", "replace")
-        found = completions(text, int(index)) if index.isdecimal() else []
+        before, _, after = self.request.body.decode("utf-8", "replace").partition(
+            "\0"
+        )  # no text has this character
+        found = await get_running_loop().run_in_executor(None, completions, before + after, len(before))
         words = [{"value": each.word, "meta": each.unit, "docText": each.meaning} for each in found]
         self.set_header("Content-Type", "application/json")
         self.write(dumps(words))

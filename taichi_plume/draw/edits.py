@@ -4,7 +4,7 @@ All raise EditError if the text cannot be edited so, and LineError if it is no Y
 """
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import count, pairwise
 from math import hypot
 from pathlib import Path
 from typing import Any
@@ -298,7 +298,8 @@ def _item(
     if kind in ("probe", "probe line"):
         ends = {"kind": "line", "start": [*a, *low], "end": [*b, *low], "count": 10}
         place = ends if kind == "probe line" else {"kind": "point", "at": [*a, *low]}
-        return "probes.points", {"name": f"p{len(value_at(data, 'probes.points') or []) + 1}", **place}
+        taken = [each.get("name") for each in value_at(data, "probes.points") or () if isinstance(each, dict)]
+        return "probes.points", {"name": next(p for n in count(1) if (p := f"p{n}") not in taken), **place}
     starts: dict[str, dict[str, Any]] = {
         "robots": {"kind": "positions", "positions": [[*a]]},
         "robot line": {"kind": "line", "begin": [*a], "end": [*b] if far >= LEAST else [a[0], a[1] + 1.0]},

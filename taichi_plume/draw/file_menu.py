@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from bokeh.layouts import row
 from bokeh.models import Button, Div, Dropdown, FileInput, Select, TextInput
 
-from taichi_plume.draw.workplace import BROUGHT, DRAWN, ENDINGS
+from taichi_plume.draw.workplace import BROUGHT, DRAWN, ENDINGS, is_map
 from taichi_plume.files.bundled import example, names
 from taichi_plume.guard.input_error import InputError
 
@@ -30,8 +30,8 @@ class FileMenu:
         )
         self.button.on_click(lambda event: self.chosen(event.item))
         self.words = Div(align="center")
-        self.list = Select(width=300, name="files")
-        self.entry = TextInput(width=260, name="new name")
+        self.list = Select(title="file", width=300, name="files", css_classes=["alone"])
+        self.entry = TextInput(title="new name", width=260, name="new name", css_classes=["alone"])
         self.brought = FileInput()
         self.go, stop = Button(width=80, button_type="primary", name="go"), Button(label="Cancel", width=70)
         self.go.on_click(lambda: self.work())
@@ -49,9 +49,7 @@ class FileMenu:
             self._take(place.open)
         elif name == OPEN:
             files = [file for file in place.files if file != place.file.name]
-            self._ask(
-                "Open a scenario of this folder:", self.list, "Open", files, lambda file: place.open(file)
-            )
+            self._ask("Open a scenario of this folder:", self.list, "Open", files, place.open)
         elif name == EXAMPLE:
             found = {each: example(each) for each in names()}
             options = [
@@ -59,10 +57,9 @@ class FileMenu:
             ]
             self._ask("Draw a copy of:", self.list, "Draw", options, place.example)
         elif name == BRING:
-            fresh = FileInput(accept=",".join(BROUGHT), name="upload")  # an old one takes no file twice
-            fresh.on_change(
-                "filename", lambda _attr, _old, _new: self.page.document.add_next_tick_callback(self.bring)
-            )
+            fresh = FileInput(title="file", accept=",".join(BROUGHT), name="upload", css_classes=["alone"])
+            fresh.on_change("filename", lambda _attr, _old, _new: self._later())
+            # an old one takes no file twice
             self.layout.children = [fresh if each is self.brought else each for each in self.layout.children]
             self.brought = fresh
             self._ask("A scenario, mesh or map for this folder:", fresh)
@@ -91,11 +88,16 @@ class FileMenu:
         except InputError as error:
             self.page.say("; ".join(error.lines))
         else:
+            self.page.say(self.page.workplace.drafts.unreadable)
             self.close()
 
     def close(self) -> None:
         """Ask no more."""
         self.layout.visible = False
+
+    def _later(self) -> None:
+        """Bring the file once both name and content have arrived."""
+        self.page.document.add_next_tick_callback(self.bring)
 
     def bring(self) -> None:
         """Write the file that the browser has sent; a scenario is opened."""
@@ -107,7 +109,7 @@ class FileMenu:
             except Error:
                 raise InputError(f"{name}: has not arrived whole; try again") from None
             file = place.take(name, content)
-            if file.suffix in ENDINGS and b"image:" not in content:  # not of a map
+            if file.suffix in ENDINGS and not is_map(file):
                 place.open(file.name)
 
         self._take(work)

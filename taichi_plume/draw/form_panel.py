@@ -167,7 +167,7 @@ class FormPanel:
             None  # path, words, class, and the text that they are about
         )
         self._setting = False
-        self.sections = Select(**WIDE, name="sections")
+        self.sections = Select(title="section", name="sections", css_classes=["alone"], **WIDE)
         self.sections.on_change("value", lambda _attr, _old, new: None if self._setting else page.choose(new))
         self.back = Button(label="‹ back", width=60)
         self.back.on_click(self._go_back)
@@ -202,7 +202,7 @@ class FormPanel:
             self.sections.update(options=options, value=path)
             about = [remark for remark in remarks if _within(remark.path, path)] if path else []
             words = "".join(
-                f"<p class='{'bad' if remark.is_error else 'odd'}'>{escape(of.named(remark.line))}</p>"
+                f"<p class='{'bad' if remark.is_error else 'warn'}'>{escape(of.named(remark.line))}</p>"
                 for remark in about
             )
             self.purpose.text = f"<p class='faint'>{escape(forms.title(of.data, path))}</p>{words}"
@@ -268,21 +268,30 @@ class FormPanel:
             data = data_of(text)
             new = forms.entered(text, data, path, entry)
         except (InputError, LineError) as fault:
-            words = fault.lines[0] if isinstance(fault, InputError) else str(fault)
-            start = parent_of(row.path)[0]
-            words = f"refused: {words.removeprefix(f'{start}.' if start else '')}"
-            return self._say(line, words, "bad", text)
+            return self._refuse(line, fault.lines[0] if isinstance(fault, InputError) else str(fault))
         gone = forms.lost(data, parent_of(path)[0], entry) if row.key == "kind" and number is None else []
         words = f"went: {', '.join(gone)}; undo returns {'them' if len(gone) > 1 else 'it'}" if gone else ""
-        self._say(line, words, "odd", new)
+        self._say(line, words, "warn", new)
         self.page.put(new)
         self._restore(line)
         return None
 
     def slid(self, line: Line, value: float) -> None:
         """Take the position at which the slider of a key was left."""
-        if not self._setting:
-            self.entered(line, line.row.slid(value))
+        if self._setting:
+            return
+        try:
+            entry = line.row.slid(value)
+        except InputError as fault:
+            self._refuse(line, fault.lines[0])
+        else:
+            self.entered(line, entry)
+
+    def _refuse(self, line: Line, words: str) -> None:
+        """Say at a key why an entry is refused."""
+        start = parent_of(line.row.path)[0]
+        words = f"refused: {words.removeprefix(f'{start}.' if start else '')}"
+        self._say(line, words, "bad", self.page.workplace.text)
 
     def opened(self, line: Line, path: str) -> None:
         """Choose an item of a list of sections, or add a copy of its last one."""

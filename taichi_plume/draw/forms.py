@@ -99,13 +99,19 @@ class Row:
         return None
 
     def slid(self, value: float) -> str:
-        """Return the entry for a position of the slider, in the unit in which the text has the number."""
+        """Return the entry for a position of the slider, in the unit in which the text has the number.
+
+        Raises EditError if the text has a word that is no such unit.
+        """
         assert self.about.slider is not None
         low, high, step = self.about.slider
         value = min(max(round(value / step) * step, low), high)
         unit = self.numbers[0][1]
         if unit != self.about.unit:
-            zero, unity = (quantity(f"{n} {unit}", self.about.unit) for n in (0, 1))
+            try:
+                zero, unity = (quantity(f"{n} {unit}", self.about.unit) for n in (0, 1))
+            except ValueError as fault:
+                raise EditError(f"{self.path}: {fault}") from None
             value = (value - zero) / (unity - zero)
         return f"{value:.6g}"
 
@@ -330,7 +336,7 @@ def _check(text: str, section: str, model: type[Model] | None, path: str) -> Non
 def _without(text: str, data: Data, path: str, model: type[Model] | None) -> str:
     above, last = parent_of(path)
     place = value_at(data, above)
-    if isinstance(place, list):
+    if isinstance(place, list) and last.isdecimal():
         if int(last) < len(place) - 1 or len(place) == 1:
             raise EditError(f"{path}: has to be given")
         new = delete(text, path) if int(last) < len(place) else text

@@ -38,10 +38,11 @@ document.addEventListener("keydown", (event) => {
   const name = command ? {z: event.shiftKey ? "redo" : "undo", y: "redo", d: "copy", s: "save", c: "clip", v: `paste:${at}`, a: "all"}[key]
     : key in ARROWS ? `move:${ARROWS[key]} ${event.shiftKey ? 10 : 1}`
     : {delete: "delete", backspace: "delete", escape: "escape", "?": "help"}[key]
-  if (event.altKey || event.repeat && event.timeStamp - moved < 100) return
-  if (name == null || (typing && name != "save" && (target == edited || !["undo", "redo"].includes(name)))) return
-  moved = event.timeStamp
+  if (name == null || event.altKey) return
+  if (typing && name != "save" && (target == edited || !["undo", "redo"].includes(name))) return
   if (name != "clip") event.preventDefault()  // selected words are copied, too
+  if (event.repeat && event.timeStamp - moved < 100) return
+  moved = event.timeStamp
   if (typing) target.dispatchEvent(new Event("change"))  // Bokeh takes an entry once its field is left
   act(name)
 })
@@ -138,9 +139,9 @@ const begin = () => {
   ace_editor.completers = [{
     identifierRegexps: [/[\w.]/],
     getCompletions: async (_editor, _session, position, _prefix, found) => {
-      const index = session.doc.positionToIndex(position)
-      const question = {method: "POST", body: ace_editor.getValue()}
-      const answer = await fetch(`editor/completions?index=${index}`, question).catch(() => null)
+      const whole = ace_editor.getValue(), index = session.doc.positionToIndex(position)
+      const question = {method: "POST", body: `${whole.slice(0, index)}\0${whole.slice(index)}`}
+      const answer = await fetch("editor/completions", question).catch(() => null)
       found(null, answer?.ok ? await answer.json() : [])
     },
   }]

@@ -75,7 +75,11 @@ class Page:
         self._left: Draft | None = None  # the draft that the standing question is about
         self._said, self._views = workplace.drafts.unreadable, 0
         self.sheet = InlineStyleSheet(css=STYLE)
-        document.theme = Theme(json={"attrs": {"UIElement": {"stylesheets": [self.sheet]}}})
+        attributes = {
+            "UIElement": {"stylesheets": [self.sheet]},
+            "Div": {"disable_math": True},
+        }  # no TeX of users
+        document.theme = Theme(json={"attrs": attributes})
         document.template = HEAD
         document.config.update(
             reconnect_session=False, notify_connection_status=False
@@ -130,7 +134,9 @@ class Page:
     def _build(self) -> None:
         self.pointer = Pointer(self, self.sheet)
         self.files, self.menu = FileMenu(self), ContextMenu(self)
-        self.name = TextInput(width=170, name="file", description=ABOUT_NAME)
+        self.name = TextInput(
+            title="name of the file", width=170, name="file", description=ABOUT_NAME, css_classes=["alone"]
+        )
         self.name.on_change("value", lambda _attr, _old, new: self._renamed(new))
         self.title = Words(css_classes=["faint"], styles={"flex": "1", "align-self": "center"})
         self.undo, self.redo = self._button("↶ Undo", self._undo, 80), self._button("↷ Redo", self._redo, 80)
@@ -281,7 +287,7 @@ class Page:
                     )
                     shift = 0.05 * beside * max(scene.room or (1.0,))
                     marks[plane].append((str(n), (place[0] + shift, place[1]), remark.is_error))
-            look, word = ("bad", "error") if remark.is_error else ("odd", "unlikely")
+            look, word = ("bad", "error") if remark.is_error else ("warn", "unlikely")
             words = f"<b class='{look}'>{n} {word}</b> {escape(scene.named(remark.line))}"
             path = escape(scene.owner(remark.path))
             lines.append(

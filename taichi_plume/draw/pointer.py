@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from html import escape
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -12,11 +11,10 @@ from bokeh.models import InlineStyleSheet, Select
 from taichi_plume.draw import edits
 from taichi_plume.draw.alignment import POINT, REACH, Guides, Line, snapped
 from taichi_plume.draw.canvas import Canvas, View
-from taichi_plume.draw.document import data_of
 from taichi_plume.draw.objects import preview
 from taichi_plume.draw.palette import SELECT, Palette
 from taichi_plume.draw.parts import Point, extent
-from taichi_plume.guard.yaml_text import LineError, read_text
+from taichi_plume.draw.workplace import is_map
 from taichi_plume.report.theme import ABOVE
 
 if TYPE_CHECKING:
@@ -57,7 +55,7 @@ class Pointer:
         self.page = page
         self.dragged: Drag | None = None
         self.points: list[Point] = []
-        self.step = Select(options=list(STEPS), value="5 cm", width=80)
+        self.step = Select(title="grid", options=list(STEPS), value="5 cm", width=80, css_classes=["alone"])
         self.file = Select(title="file", width=110, visible=False)
         self.palette = Palette(sheet, lambda _: self._tool_changed())
         for canvas in page.canvases.values():
@@ -107,7 +105,7 @@ class Pointer:
             for f in self.page.workplace.folder.iterdir()
             if f.suffix.lower() in endings
             and not f.name.startswith(".")
-            and (self.kind != "map" or _is_map(f))
+            and (self.kind != "map" or is_map(f))
         )
         self.file.update(visible=bool(endings), options=files, value=files[0] if files else "")
         self.page.look()
@@ -293,11 +291,3 @@ class Pointer:
 def _modifiers(event: Any) -> dict[str, bool]:
     """Return which modifier keys were held during an event."""
     return {key: bool((event.modifiers or {}).get(key)) for key in ("shift", "ctrl", "alt")}
-
-
-def _is_map(file: Path) -> bool:
-    """Return whether a YAML file is a map of ROS's map_server: scenarios lie beside it."""
-    try:
-        return "image" in data_of(read_text(file))
-    except (LineError, OSError):
-        return False

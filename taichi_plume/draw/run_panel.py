@@ -11,7 +11,6 @@ from bokeh.models import (
     DataTable,
     Div,
     HTMLTemplateFormatter,
-    InlineStyleSheet,
     Select,
     Spacer,
     Span,
@@ -37,7 +36,7 @@ if TYPE_CHECKING:
 
 DECADES = Scale(-2.0, 2.0, "linear")  # of a ratio of concentrations
 LOOKS = {
-    "source found": ("✓ ", "good"), "completed": ("", ""), "ended early": ("", ""), "interrupted": ("■ ", "odd"),
+    "source found": ("✓ ", "good"), "completed": ("", ""), "ended early": ("", ""), "interrupted": ("■ ", "warn"),
     "failed": ("✗ ", "bad"), "unstable": ("✗ ", "bad"), "disk_full": ("✗ ", "bad"),
 }  # fmt: skip
 """Mark of a run by how it ended, and its class in the style sheet; of one that goes on: GOING."""
@@ -45,9 +44,7 @@ GOING = ("", "going")
 COLUMNS = {"run": 34, "name": 120, "state": 115, "found": 170, "changed": 200, "simulated": 65, "took": 45}
 """Columns of the list and their widths [pixels]."""
 ROW = 26  # pixels
-WHOLE = ".bk-clearfix { width: 100%; height: 100%; }"
 DIFFERENCE, BESIDE = "difference", "side by side"
-FRAME = "width:100%;height:calc(100vh - 150px);border:1px solid #c9d1d9;background:#fff"
 
 
 Pair = tuple[Picture | None, Picture | None]
@@ -122,9 +119,8 @@ class RunPanel:
             sizing_mode="stretch_both", css_classes=["scrolls"],
         )  # fmt: skip
         first = "<p>Run the scenario first.</p>"
-        style: list[Any] = [InlineStyleSheet(css=WHOLE)]
-        self.report = Div(text=first, sizing_mode="stretch_both", stylesheets=style, name="report")
-        self.recording = Div(text=first, sizing_mode="stretch_both", stylesheets=style, name="recording")
+        self.report = Div(text=first, sizing_mode="stretch_both", css_classes=["whole"], name="report")
+        self.recording = Div(text=first, sizing_mode="stretch_both", css_classes=["whole"], name="recording")
 
     @property
     def run(self) -> Run | None:
@@ -274,7 +270,7 @@ class RunPanel:
     def _show_progress(self, run: Run) -> None:
         left, clock = run.left, run.clock if run.alive else ""
         remaining = f", about {left:.0f} s left" if left is not None else ""
-        bar = f"<progress max='1' value='{run.done:.3f}' style='width:120px'></progress>" if run.alive else ""
+        bar = f"<progress max='1' value='{run.done:.3f}'></progress>" if run.alive else ""
         (mark, look), why = LOOKS.get(run.words, GOING), run.scene.named(run.why)
         state = f"<b class='{look}'>{mark}{escape(run.words.replace('_', ' '))}</b>"
         text = (
@@ -324,7 +320,7 @@ class RunPanel:
         self.report.text = "<p>The run has no report yet.</p>"
         self.recording.text = "<p>The run has no recording yet.</p>"
         if there:
-            self.report.text = f'<iframe src="{base}/report.html" style="{FRAME}"></iframe>'
+            self.report.text = f'<iframe title="report" src="{base}/report.html"></iframe>'
             links = f'<a href="{base}/report.html" target="_blank">report</a> &nbsp; '
             links += f'<a href="{base}/run.zip">ZIP of run {run.number}</a>'
         self.links.text = links
@@ -334,7 +330,7 @@ class RunPanel:
         run = self.run
         if run is None or not (run.folder / "recording.rrd").is_file() or run.alive:
             return
-        self.recording.text = f'<iframe src="viewer/?run={run.number}" style="{FRAME}"></iframe>'
+        self.recording.text = f'<iframe title="recording" src="viewer/?run={run.number}"></iframe>'
 
     def _show_list(self) -> None:
         """Show the pinned and then the last runs below each other, the newest first."""

@@ -94,7 +94,10 @@ class Run:
     @cached_property
     def changes(self) -> str:
         """Differences from the previous run in words."""
-        return changes(self.before.text, self.text) if self.before is not None else ""
+        try:
+            return changes(self.before.text, self.text) if self.before is not None else ""
+        except LineError:  # a room of repeats that is no YAML
+            return ""
 
     @property
     def begun_here(self) -> bool:
@@ -324,14 +327,10 @@ class Run:
 
         full: as a sentence.
         """
-        found = []
-        for group in (self.result.get("groups") or []) if not self.alive else ():
-            if group.get("per_trial") and not group["no_search"]:
-                seconds = group["summary"]["time_s"]["mean"]
-                verb = " found the source" if full else ""
-                first = f", the first in {seconds:.0f} s" if seconds is not None else ""
-                found.append(f"{group['name']}: {robots_found(group)}{verb}{first}")
-        return found
+        try:
+            return [] if self.alive else list(_found(self.result, full))
+        except (AttributeError, LookupError, TypeError, ValueError):  # result.json is of another program
+            return []
 
     def row(self) -> dict[str, str]:
         """Return the run's row in the list of runs: texts by column."""
@@ -347,6 +346,16 @@ class Run:
             "simulated": f"{simulated:.0f} s" if isinstance(simulated, int | float) else "",
             "took": f"{wall:.0f} s" if isinstance(wall, int | float) else "",
         }
+
+
+def _found(result: Mapping[str, Any], full: bool) -> Iterator[str]:
+    """Yield the line of each group that searches; see `Run.found`."""
+    for group in result.get("groups") or []:
+        if group.get("per_trial") and not group["no_search"]:
+            seconds = group["summary"]["time_s"]["mean"]
+            verb = " found the source" if full else ""
+            first = f", the first in {seconds:.0f} s" if seconds is not None else ""
+            yield f"{group['name']}: {robots_found(group)}{verb}{first}"
 
 
 def runs_in(above: Path) -> list[tuple[float, Path]]:

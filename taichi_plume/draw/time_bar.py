@@ -40,7 +40,7 @@ class TimeBar:
         self.play.on_click(self._play)
         self.latest = Button(label=LATEST, width=90, name="latest", align="end")
         self.latest.on_click(lambda: self.choose(None))
-        self.about = Div(name="clock", width=190, align="end", styles={"color": "#5d6875"})
+        self.about = Div(name="clock", width=190, align="end", css_classes=["faint"])
         self.layout = row(
             self.play, self.slider, self.latest, self.about, visible=False, sizing_mode="stretch_width"
         )

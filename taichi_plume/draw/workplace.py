@@ -65,19 +65,23 @@ class Workplace:
         self, root: Path, file: Path | None = None, allow_outside: bool = False, allow_code: bool = False
     ):
         self.root, self.allow_outside, self.allow_code = root.resolve(), allow_outside, allow_code
-        self.file = self._permitted(file if file is not None else self._free_name())
-        self.on_disk = self._read()
-        self.history = History(BLANK if self.on_disk is None else self.on_disk)
-        self.drafts = Drafts(self.file)
-        for draft in [draft for draft in self.drafts.waiting if draft.text == self.text]:
-            self.drafts.refuse(draft)  # saved just before a server was killed
+        self._scene: tuple[object, Scene] | None = None
+        file = self._permitted(file if file is not None else self._free_name(self.root))
+        self._begin(file, self._read(file))
         self.runs = self._earlier_runs()
         self._elsewhere: list[Run] = []
         self.pages: list[Follower] = []
-        self._scene: tuple[object, Scene] | None = None
         self.findings: Findings | None = None
         self.checked: str | None = None
         self._took = inf  # s, of the last check
+
+    def _begin(self, file: Path, content: str | None) -> None:
+        """Take a file with its content, None if there is no such file, and the drafts that were left of it."""
+        self.file, self.on_disk, self._scene = file, content, None
+        self.history = History(BLANK if content is None else content)
+        self.drafts = Drafts(file)
+        for draft in [draft for draft in self.drafts.waiting if draft.text == self.text]:
+            self.drafts.refuse(draft)  # saved just before a server was killed
 
     @property
     def text(self) -> str:
@@ -175,14 +179,16 @@ class Workplace:
         """Take another file of the folder, by default a new one with an empty room.
 
         Unsaved changes of the present text stay in its draft, which is offered once its file is opened again. Undo does
-        not lead back. Raises InputError; the text stays then.
+        not lead back. Raises InputError, as if the draft cannot be written; the text stays then.
         """
-        file, text = self._permitted(self.folder / name) if name else self._free_name(), BLANK
-        if name:
-            text = self._read(file) or BLANK
+        file = self._permitted(self.folder / name) if name else self._free_name(self.folder)
+        content = self._read(file)
+        if name and content is None:
+            raise InputError(f"{name}: there is no such file")
+        if self.drafts.fault:
+            raise InputError(f"{self.drafts.fault}; save the text first")
         self.drafts.leave()
-        self.file, self.on_disk, self.history = file, text if name else None, History(text)
-        self.drafts = Drafts(file)
+        self._begin(file, content)
         self._changed()
 
     def example(self, name: str) -> None:
@@ -191,7 +197,10 @@ class Workplace:
         if found.kind not in DRAWN:
             raise InputError(f"{name}: is a {found.kind}, no scenario that can be drawn")
         if not (self.folder / found.path.name).exists():
-            bundled.copied(found, self.folder)
+            try:
+                bundled.copied(found, self.folder)
+            except OSError as error:
+                raise InputError(f"{name}: cannot be copied: {error.strerror or error}") from None
         self.open(found.path.name)
 
     def take(self, name: str, content: bytes) -> Path:
@@ -200,6 +209,8 @@ class Workplace:
         name: of a scenario, a mesh, a map or its picture; folders in it count for nothing.
         """
         file = self.folder / Path(name.replace("\\", "/")).name
+        if file.suffix.lower() in ENDINGS:
+            file = file.with_suffix(file.suffix.lower())
         if file.suffix.lower() not in BROUGHT or file.name.startswith("."):
             raise InputError(f"{visible(file.name)}: must end in {', '.join(BROUGHT)}")
         if len(content) > MOST_BROUGHT:
@@ -221,7 +232,10 @@ class Workplace:
         return sorted(
             file.name
             for file in self.folder.iterdir()
-            if file.suffix in ENDINGS and not file.name.startswith(".") and file.is_file()
+            if file.suffix in ENDINGS
+            and not file.name.startswith(".")
+            and file.is_file()
+            and not is_map(file)
         )
 
     def reload(self) -> None:
@@ -351,9 +365,9 @@ class Workplace:
             raise InputError(f"{file.parent}: there is no such folder")
         return file
 
-    def _free_name(self) -> Path:
+    def _free_name(self, folder: Path) -> Path:
         names = ("room.yaml", *(f"room-{n}.yaml" for n in range(2, 10_000)))
-        return next(self.root / name for name in names if not (self.root / name).exists())
+        return next(folder / name for name in names if not (folder / name).exists())
 
     def _read(self, file: Path | None = None) -> str | None:
         """Return the text of a file, by default of the present one; None if there is none. Raises InputError."""
@@ -384,3 +398,11 @@ class Workplace:
     def _notify(self, runs_alone: bool = False) -> None:
         for page in list(self.pages):
             page.follow(runs_alone)
+
+
+def is_map(file: Path) -> bool:
+    """Return whether a YAML file is a map of ROS's map_server: scenarios lie beside it."""
+    try:
+        return "image" in data_of(read_text(file))
+    except (LineError, OSError):
+        return False

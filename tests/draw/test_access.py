@@ -1,5 +1,7 @@
 """Attacks on the page: foreign hosts, pages and processes, and files outside the folder."""
 
+import http.client
+import json
 import signal
 import socket
 import subprocess
@@ -118,13 +120,27 @@ def test_no_address_leads_to_other_files(page, path):
 
 
 def test_other_methods_are_refused(page):
-    import http.client
-
     for method in ("POST", "PUT", "DELETE", "OPTIONS"):
         connection = http.client.HTTPConnection("127.0.0.1", page.port, timeout=30)
         cookie = f"taichi_plume_draw_{page.port}={page.token}"
         connection.request(method, "/share/room.yaml", headers={"Cookie": cookie})
         assert connection.getresponse().status == 405, method
+
+
+@pytest.mark.parametrize(
+    ("body", "word"),
+    [("stop\0\nduration: 3 s", "stop_early: "), ("# 🌀🌀\n\0name: a", "domain: "), ("", "name: ")],
+)
+def test_completions_are_for_the_page_alone(page, body, word):
+    """The text before the word's end, and behind a character that no text has, the text after it."""
+    statuses = []
+    for cookie in ({}, {"Cookie": f"taichi_plume_draw_{page.port}={page.token}"}):
+        connection = http.client.HTTPConnection("127.0.0.1", page.port, timeout=30)
+        connection.request("POST", "/editor/completions", body.encode(), cookie)
+        answer = connection.getresponse()
+        statuses.append(answer.status)
+    assert statuses == [403, 200]
+    assert word in [each["value"] for each in json.loads(answer.read())]
 
 
 def test_the_text_and_its_picture_are_shared(page):

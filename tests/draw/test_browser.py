@@ -272,7 +272,7 @@ def test_keys_are_completed_and_undone_in_the_editor(visit, tmp_path):
     page = visit("room.yaml")
     page.tab("YAML")
     page.page.wait_for_selector(EDITOR)
-    page.changed(lambda: page.write("warm_up: 12 s", "warm_up: 12 s\n"))
+    page.changed(lambda: page.write("warm_up: 12 s", "warm_up: 12 s  # 𝒯 = 12 s, 𝓊 = 0.5 m/s 🌀🌀🌀\n"))
     page.changed(lambda: page.page.keyboard.type("stop"))
     page.page.locator(".ace_autocomplete", has_text="stop_early").wait_for()
     page.picture("e_completed")
@@ -347,6 +347,13 @@ def test_hands_use_keys_the_right_button_and_a_rectangle(visit, tmp_path):
     mouse.up()
     page.page.wait_for_timeout(500)
     assert page.at(0.5, 0.3)[0] - x == pytest.approx(80, abs=1), "the floor stays under the pointer"
+    page.page.evaluate("addEventListener('keydown', (event) => { window.kept = event.defaultPrevented })")
+    keyboard.down("Control")
+    for _ in range(4):  # held: the browser's own dialog must not open
+        keyboard.down("s")
+        assert page.page.evaluate("kept"), "Ctrl-S is the page's alone"
+    keyboard.up("s")
+    keyboard.up("Control")
     keyboard.press("?")
     page.page.get_by_text("paste at the pointer").wait_for()
     assert page.errors == []

@@ -44,6 +44,11 @@ def test_places_where_nothing_is_known_offer_nothing(before):
     assert words(before) == []
 
 
+def test_a_long_word_is_read_in_a_time_in_proportion():
+    """A search for the end of a word from each of its characters would take minutes."""
+    assert words("a" * 300_000 + " ") == []
+
+
 def test_all_keys_of_a_section_are_offered_or_given_already():
     assert {word.removesuffix(": ") for word in words("")} == set(Scenario.model_fields)
     found = words(ROOM[: ROOM.index("    count: 4")] + "    ", ROOM[ROOM.index("    count: 4") + 4 :])

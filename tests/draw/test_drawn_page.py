@@ -695,6 +695,23 @@ def test_the_views_are_those_of_the_text_after_many_moves(tmp_path_factory, name
     live_through(tmp_path_factory.mktemp("page"), name, sequence)
 
 
+def test_a_text_between_dollar_signs_is_no_mathematics(page):
+    """Bokeh's TeX has links that run scripts."""
+    page.ask("Delete $$x$$?", lambda: None)
+    assert page.banner.disable_math
+    assert page.runs.output.disable_math
+
+
+def test_a_draft_that_cannot_be_read_is_said_once_its_file_is_opened(page):
+    folder = page.workplace.folder
+    (folder / "other.yaml").write_text(ROOM)
+    (folder / ".other.yaml.01234567.draft").symlink_to(folder / "s.yaml")
+    page.files.chosen(file_menu.OPEN)
+    page.files.work()
+    assert page.workplace.file.name == "other.yaml"
+    assert "01234567" in page.message.text
+
+
 def test_files_are_opened_brought_and_named_from_the_menu(page, tmp_path):
     place, menu = page.workplace, page.files
     (tmp_path / "other.yaml").write_text(edits.BLANK)

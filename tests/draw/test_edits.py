@@ -14,6 +14,7 @@ from taichi_plume.draw.document import EditError, data_of, value_at
 from taichi_plume.draw.history import History
 from taichi_plume.draw.objects import scene
 from taichi_plume.draw.parts import Pane, Rectangle
+from taichi_plume.quantities import split
 from taichi_plume.report.theme import ABOVE, SIDE
 from taichi_plume.scenario.checks import every
 from taichi_plume.scenario.loading import read_scenario
@@ -204,6 +205,16 @@ def test_several_objects_are_moved_copied_and_removed_as_each_alone(base):
     assert not [path for path in paths if path in left]
 
 
+def test_a_new_probe_has_a_free_name():
+    text = BASES["casting_room"]
+    for _ in range(2):
+        text, _ = edits.create(text, scene(text, HERE), "probe", [(1.0, 1.0)])
+    text = edits.remove(text, ["probes.points[0]"])
+    for _ in range(2):
+        text, _ = edits.create(text, scene(text, HERE), "probe", [(1.0, 1.0)])
+    assert [each["name"] for each in data_of(text)["probes"]["points"]] == ["p2", "p1", "p3"]
+
+
 def test_objects_are_pasted_together_at_a_point_under_free_names():
     text = BASES["casting_room"]
     paths = ["obstacles[0]", "obstacles[2]", "robots[0]", "domain", ""]
@@ -211,9 +222,10 @@ def test_objects_are_pasted_together_at_a_point_under_free_names():
     pasted, new = edits.paste(text, copied, HERE, (2.0, 1.0))
     assert new == ["obstacles[3]", "obstacles[4]", "robots[2]"]
     before, after = scene(text, HERE), scene(pasted, HERE)
-    shifts = [
-        np.subtract(after.thing(b).place(), before.thing(a).place()) for a, b in zip(paths, new, strict=False)
+    old_and_new = [
+        (before.thing(a).place(), after.thing(b).place()) for a, b in zip(paths, new, strict=False)
     ]
+    shifts = [np.subtract(b, a) for a, b in old_and_new if a is not None and b is not None]
     assert shifts[1] == pytest.approx(shifts[0], abs=2e-3)
     assert shifts[2] == pytest.approx(shifts[0], abs=2e-3)
     places = np.array([after.thing(path).place() for path in new])
@@ -340,8 +352,13 @@ def carried_out(text, action):
     row = rows[rest[1] % len(rows)]
     new = forms.entered(text, of.data, row.path, rest[2])
     if rest[2]:
-        given = value_at(data_of(new), row.path)
-        assert given == data_of(f"x: {rest[2]}")["x"], "the text has what the form says"
+        old, given = value_at(of.data, row.path), value_at(data_of(new), row.path)
+        unit = split(old) if isinstance(old, str) else None  # stays beside a number
+        allowed = [
+            rest[2] if row.about.is_text else data_of(f"x: {rest[2]}")["x"],
+            f"{rest[2]} {unit[1]}" if unit else None,
+        ]
+        assert given in allowed, "the text has what the form says"
     return new
 
 

@@ -46,6 +46,20 @@ def test_an_entry_changes_its_own_characters_alone(path, entry, old, new):
     assert entered(path, entry) == ROOM.replace(old, new)
 
 
+def test_a_key_of_a_list_where_a_section_should_be_is_not_removed():
+    text = "robots: [[1]]\n"
+    assert entered("robots[0].wake", "", text) == text
+
+
+def test_a_slider_of_a_value_with_a_word_that_is_no_unit_changes_nothing(page):
+    text = ROOM.replace("duration:", "tick: 5 foo\nduration:")
+    page.put(text)
+    line = page.form.lines["tick"]
+    page.form.slid(line, 0.5)
+    assert page.workplace.text == text
+    assert "tick: must have a unit" in line.note.text
+
+
 @pytest.mark.parametrize("name", ["casting_room", "arena_3d", "moving_obstacle"])
 def test_what_a_form_shows_is_what_the_text_has(name):
     text = (ROOT / f"configs/{name}.yaml").read_text()

@@ -397,8 +397,9 @@ def test_a_row_that_is_clicked_is_the_run_that_is_shown_named_and_pinned(two, tm
     assert (panel.number, panel.title.value, panel.pin.active) == (2, "", False)
     assert [run.label for run in page.workplace.runs] == [("first", True), ("", False)], "each has its own"
     assert not panel.remove.disabled
-    assert panel.rows.data["state"] == ["completed", "completed"]
-    assert Page(Clock(), Workplace(tmp_path / "place")).runs.rows.data["name"] == ["★ first", "small-2"]
+    assert list(panel.rows.data["state"]) == ["completed", "completed"]
+    again = Page(Clock(), Workplace(tmp_path / "place")).runs.rows
+    assert list(again.data["name"]) == ["★ first", "small-2"]
 
 
 def test_no_run_is_removed_elsewhere(tmp_path):

@@ -124,6 +124,25 @@ def test_a_run_whose_file_says_running_is_interrupted_unless_its_folder_is_locke
     assert run.why == ""
 
 
+@pytest.mark.parametrize(
+    "groups",
+    ["5", "[5]", '[{"per_trial": 1}]', '[{"per_trial": [1], "no_search": false, "summary": {"time_s": 1}}]'],
+)
+def test_a_folder_of_another_program_is_listed_like_a_run(tmp_path, groups):
+    """Otherwise the page of its folder could not be opened."""
+    study, folder = tmp_path / "studies/a-1", tmp_path / "runs/b-1"
+    for each in (study, folder):
+        each.mkdir(parents=True)
+    (study / "study.yaml").write_text("axes: {seed: {values: [1]}}")
+    (study / "base.yaml").write_text("a: [")
+    os.utime(study / "study.yaml", (1, 1))
+    (folder / "result.json").write_text(f'{{"status": "completed", "groups": {groups}}}')
+    (folder / "scenario.yaml").write_text(TEXT)
+    rows = [run.row() for run in place(tmp_path).runs]
+    assert [row["name"] for row in rows] == ["a-1", "b-1"]
+    assert (rows[1]["found"], rows[1]["changed"]) == ("", "")
+
+
 def test_name_and_pin_of_a_run_are_there_again_at_the_next_start(tmp_path):
     model = made_run.scenario()
     for n in range(LISTED + 2):

@@ -405,6 +405,51 @@ def test_another_file_is_opened_and_the_draft_of_the_first_is_offered_later(plac
     assert place.text == mine
 
 
+def test_a_file_that_is_missing_or_empty_is_opened_as_it_is(place, tmp_path):
+    place.put(edited(place))
+    with pytest.raises(InputError, match=r"gone\.yaml"):
+        place.open("gone.yaml")
+    assert place.file.name == "room.yaml"
+    (tmp_path / "empty.yaml").write_text("")
+    place.open("empty.yaml")
+    assert (place.text, place.saved) == ("", True)
+    place.save()
+
+
+def test_nothing_of_the_last_room_is_seen_in_a_file_that_is_no_yaml(place, tmp_path):
+    assert len(place.scene.things) > 3
+    (tmp_path / "broken.yaml").write_text("a: [")
+    place.open("broken.yaml")
+    assert place.scene.things == ()
+
+
+def test_a_text_without_a_draft_is_not_left(place, monkeypatch):
+    """A full disk: the changes would be lost."""
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", full)
+        place.put(edited(place))
+        for leave in (place.open, lambda: place.example("casting_room")):
+            with pytest.raises(InputError, match="No space"):
+                leave()
+    assert place.text == edited(place) != ROOM
+
+
+def test_a_draft_that_was_saved_is_not_offered_once_its_file_is_opened_again(place, tmp_path):
+    place.put(edited(place))
+    place.open()
+    (tmp_path / "room.yaml").write_text(edits.BLANK)
+    (draft,) = tmp_path.glob(".room.yaml.*.draft")
+    draft.write_text(edits.BLANK)
+    place.open("room.yaml")
+    assert place.recovered is None
+
+
+def test_an_example_that_cannot_be_copied_is_an_error_in_a_line(place, monkeypatch):
+    monkeypatch.setattr("shutil.copyfile", full)
+    with pytest.raises(InputError, match=r"quiet_room.*No space"):
+        place.example("quiet_room")
+
+
 def test_an_example_is_opened_as_a_copy_with_its_files(place, tmp_path):
     place.example("casting_room")
     assert place.file == tmp_path / "casting_room.yaml"
@@ -417,6 +462,9 @@ def test_an_example_is_opened_as_a_copy_with_its_files(place, tmp_path):
 def test_a_file_is_brought_into_the_folder_and_replaces_none(place, tmp_path):
     assert place.take("C:\\parts\\pillar.stl", b"solid").read_bytes() == b"solid"
     assert sorted(path.name for path in tmp_path.iterdir() if path.suffix == ".stl") == ["pillar.stl"]
+    assert place.take("HALL.YAML", b"image: hall.png").name == "HALL.yaml"
+    assert place.take("b.yaml", b"# no image: a room\nname: b").name == "b.yaml"
+    assert place.files == ["b.yaml", "room.yaml"], "maps are no scenarios"
     for name, content, word in (
         ("room.yaml", b"name: a", "exists already"),
         ("../up.py", b"", "must end in"),
