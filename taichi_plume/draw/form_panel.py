@@ -68,7 +68,7 @@ class Line:
         if row.field == "section":
             return [Div(**common)]
         if row.field == "switch":
-            box = Checkbox(**common)
+            box = Checkbox(html_attributes={"aria-label": about.name}, **common)
             box.on_change("active", lambda _attr, _old, new: entered(self, str(new).lower()))
             return [box]
         if row.field in ("choice", "list"):

@@ -135,18 +135,18 @@ class Page:
         self.pointer = Pointer(self, self.sheet)
         self.files, self.menu = FileMenu(self), ContextMenu(self)
         self.name = TextInput(
-            title="name of the file", width=170, name="file", description=ABOUT_NAME, css_classes=["alone"]
+            title="name of the file", width=130, name="file", description=ABOUT_NAME, css_classes=["alone"]
         )
         self.name.on_change("value", lambda _attr, _old, new: self._renamed(new))
         self.title = Words(css_classes=["faint"], styles={"flex": "1", "align-self": "center"})
-        self.undo, self.redo = self._button("↶ Undo", self._undo, 80), self._button("↷ Redo", self._redo, 80)
+        self.undo, self.redo = self._button("↶ Undo", self._undo, 70), self._button("↷ Redo", self._redo, 70)
         self.tools = [
-            self._button("Copy", self.copy, 60),
-            self._button("⟲ 15°", lambda: self.turn(15), 60),
-            self._button("⟳ 15°", lambda: self.turn(-15), 60),
-            self._button("Delete", self.delete, 70),
+            self._button("Copy", self.copy, 55),
+            self._button("⟲ 15°", lambda: self.turn(15), 52),
+            self._button("⟳ 15°", lambda: self.turn(-15), 52),
+            self._button("Delete", self.delete, 62),
         ]
-        run = self._button("▶ Run", self.run, 90)
+        run = self._button("▶ Run", self.run, 80)
         run.update(button_type="success", name="run")
         links = (
             '<a href="share/room.yaml">YAML</a> &nbsp; <a href="share/room.png" target="_blank">picture</a>'
@@ -154,7 +154,7 @@ class Page:
         bar = row(
             self.files.button, self.name, self.title, self.undo, self.redo, *self.tools,
             row(Div(text="grid", align="center"), self.pointer.step),
-            self._button("Whole room", self.fit, 95), self._button("Save", lambda: self.save(), 60),
+            self._button("Whole room", self.fit, 88), self._button("Save", lambda: self.save(), 54),
             Div(text=links, align="center"), run,
             sizing_mode="stretch_width", css_classes=["bar"],
         )  # fmt: skip

@@ -6,6 +6,7 @@ Gas maps are in the folder as they were at the end of the run alone, and are sho
 import json
 from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +18,11 @@ from taichi_plume.observed.scales import Scale
 from taichi_plume.results import pictures
 from taichi_plume.results.run import Run
 from taichi_plume.results.tracks import Track, tracks
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import xarray
 
 
 class Past:
@@ -60,9 +66,11 @@ class Past:
         Both in ppm, in the colours of the gas; without maps, or if they cannot be read, there are none.
         """
         try:
-            stored = self.run.maps if self.run.has("maps.zarr") else []
-        except InputError:
+            return self._maps(self.run.maps) if self.run.has("maps.zarr") else {}
+        except (InputError, KeyError, IndexError, TypeError, ValueError):  # of a folder of another program
             return {}
+
+    def _maps(self, stored: "Sequence[xarray.Dataset]") -> dict[str, Picture]:
         scale, found = Scale(*self.run.scenario.recording.range_ppm, "log"), {}
         for n, (name, of) in enumerate(zip(map_names([each.attrs for each in stored]), stored, strict=True)):
             groups = json.loads(of.attrs["groups"])
