@@ -74,6 +74,7 @@ class Page:
         self.asked: Callable[[], None] | None = None
         self._left: Draft | None = None  # the draft that the standing question is about
         self._said, self._views = workplace.drafts.unreadable, 0
+        self._formed, self._found = "", tuple[Remark, ...]()  # section and remarks of the form
         self.sheet = InlineStyleSheet(css=STYLE)
         attributes = {
             "UIElement": {"stylesheets": [self.sheet]},
@@ -303,7 +304,15 @@ class Page:
         self.tabs.tabs[2].title = f"Remarks ({len(lines)})" if lines else "Remarks"
         self.size.text = self._summary(checked) if checked is not None else "checking …"
         self._note(remarks)
-        self.form.show(scene, self.chosen, remarks)
+        self._found = tuple(remarks)
+        if self.chosen == self._formed:
+            self._show_form()
+        else:  # the drawing first: the browser takes far longer for the fields of another form
+            self.document.add_timeout_callback(self._show_form, GAP)
+
+    def _show_form(self) -> None:
+        self._formed = self.chosen
+        self.form.show(self.scene, self.chosen, self._found)
 
     def _note(self, remarks: Sequence[Remark]) -> None:
         """Mark the lines of remarks in the editor, and bring the chosen section's line into view."""
