@@ -95,9 +95,11 @@ def _run(name: str, *options: str) -> int:
 
 
 def _copy(chosen: Example, out: Path) -> int:
-    from taichi_plume.studies.plan import read_study
+    base = None
+    if chosen.kind == "study":
+        from taichi_plume.studies.plan import read_study
 
-    base = chosen.path.parent / read_study(chosen.path).base if chosen.kind == "study" else None
+        base = chosen.path.parent / read_study(chosen.path).base
     copies = copied(chosen, out, base)
     for path, is_new in copies.items():
         say(f"{path}: {'copied' if is_new else 'unchanged'}")

@@ -163,9 +163,8 @@ class FormPanel:
         self.widgets: dict[str, Any] = {}
         self.lines: dict[str, Line] = {}
         self._forms: dict[frozenset[Key], Form] = {}  # the last one is shown
-        self._note: tuple[str, str, str, str] | None = (
-            None  # path, words, class, and the text that they are about
-        )
+        # path, words, class, and the text that they are about
+        self._note: tuple[str, str, str, str] | None = None
         self._setting = False
         self.sections = Select(title="section", name="sections", css_classes=["alone"], **WIDE)
         self.sections.on_change("value", lambda _attr, _old, new: None if self._setting else page.choose(new))

@@ -76,15 +76,11 @@ class Page:
         self._said, self._views = workplace.drafts.unreadable, 0
         self._formed, self._found = "", tuple[Remark, ...]()  # section and remarks of the form
         self.sheet = InlineStyleSheet(css=STYLE)
-        attributes = {
-            "UIElement": {"stylesheets": [self.sheet]},
-            "Div": {"disable_math": True},
-        }  # no TeX of users
-        document.theme = Theme(json={"attrs": attributes})
-        document.template = HEAD
-        document.config.update(
-            reconnect_session=False, notify_connection_status=False
-        )  # as the script does both
+        no_tex = {"disable_math": True}  # in the words of users
+        attributes = {"UIElement": {"stylesheets": [self.sheet]}, "Div": no_tex}
+        document.theme, document.template = Theme(json={"attrs": attributes}), HEAD
+        # the script does both
+        document.config.update(reconnect_session=False, notify_connection_status=False)
         plan = Canvas(ABOVE)
         self.canvases = {ABOVE: plan, SIDE: Canvas(SIDE, plan=plan), FRONT: Canvas(FRONT, plan=plan)}
         self.time = TimeBar(self)
@@ -107,10 +103,9 @@ class Page:
             self._due.append(work)
         if is_first and not self.hidden:
             pages = self.workplace.pages
-            rest = GAP * len(pages) - 1e3 * (
-                monotonic() - self._caught_up
-            )  # all pages together: one in a gap
-            wait = max(GAP * (1 + pages.index(self)), round(rest))
+            past = 1e3 * (monotonic() - self._caught_up)
+            # all pages together redraw once in a gap
+            wait = max(GAP * (1 + pages.index(self)), round(GAP * len(pages) - past))
             self.document.add_timeout_callback(self._catch_up, wait)
 
     def _catch_up(self) -> None:
