@@ -138,8 +138,8 @@ def test_the_flux_through_a_narrowing_is_conserved():
     def gap(points):  # positive in the air
         return np.maximum(np.abs(points[..., 0] - 2.0) - 0.25, 0.2 - np.abs(points[..., 1] - 0.5))
 
-    place = np.array([[0.5, y] for y in (0.15, 0.5, 0.85)])
-    wind = np.tile([0.2, 0.0], (3, 1))
+    place = np.array([[0.45, 0.05 + 0.1 * j] for j in range(10)])
+    wind = np.tile([0.2, 0.0], (10, 1))
     mean, _ = wind_field(place, wind, (4.0, 1.0), 0.1, gap, only_along_x, prior=1e-3, mass=1e4)
     flux = 0.1 * np.nansum(mean[..., 0], axis=1)
     np.testing.assert_allclose(flux, flux.mean(), rtol=1e-3)
