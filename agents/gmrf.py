@@ -16,7 +16,7 @@ zero.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -32,29 +32,35 @@ from taichi_plume.scenario import maps as models
 
 LOOKS = 16  # parts of the line between two centres; the ends of the parts are checked for obstacles
 
+Links = tuple[np.ndarray, np.ndarray]
+"""Whether neighbour cells are joined, along x (nx - 1, ny) and y (nx, ny - 1)."""
 Window = list[Any]
-"""End [s] of a time window, and of the cells with readings: flat indices, numbers of readings, their sums [ppm]."""
+"""End [s] of a time window, and of the cells with readings: flat indices, then the sums of `MarkovField`."""
 
 
-class MarkovMap(GasMap):
-    """Gas map with mean and variance in each cell by a Gaussian Markov random field, solved on request."""
+class MarkovField(GasMap):
+    """Base class of maps by Gaussian Markov random fields, solved on request.
 
-    STATE = ("errors", "count", "total", "ended", "past", "_solved")
+    Stores the sums of the readings by cell and time window: their number, then SUMS - 1 sums of values. `_collect` adds
+    the present readings; `_solve` returns the arrays that follow from the sums, among them mean and variance.
+    """
 
-    def __init__(self, model: models.MarkovMap, floor: Floor):
+    STATE = ("errors", "sums", "ended", "past", "_solved")
+    SUMS: ClassVar[int] = 2
+
+    def __init__(self, model: models.MarkovMap | models.WindMap, floor: Floor):
         super().__init__(model.cell, floor)
-        self.count = ti.field(ti.f32, (floor.trials, *self.shape))  # readings of the running window
-        self.total = ti.field(ti.f32, (floor.trials, *self.shape))  # their sum [ppm]
+        self.sums = tuple(ti.field(ti.f32, (floor.trials, *self.shape)) for _ in range(self.SUMS))
         free = floor.obstacle_distance(centers(self.shape, model.cell)) > 0
         # a reading in a cell whose centre lies in an obstacle counts for the nearest free cell
         self.counted_in = np.arange(free.size).reshape(self.shape)
         if free.any():
             nearest: Any = distance_transform_edt(~free, return_distances=False, return_indices=True)
             self.counted_in = np.ravel_multi_index(tuple(nearest), self.shape)
-        self.links = _links(self.shape, model.cell, floor.obstacle_distance)
-        self.region = _regions(self.links)
+        self.links = links(self.shape, model.cell, floor.obstacle_distance)
+        self.region = regions(self.links)
         self.model = model
-        self.noise = 1.0 / model.lambda_observation  # variance of a reading [ppm²]
+        self.noise = 1.0 / model.lambda_observation  # variance of a reading [square of its unit]
         self.ended = 0  # number of ended windows
         self.past: list[Window] = []
         self._solved: list[np.ndarray] | None = None
@@ -63,24 +69,31 @@ class MarkovMap(GasMap):
         """Add the robots' readings at time t [s]; a time window ends when t reaches a multiple of its length."""
         before, now = windows(t, self.model.window, dt)
         self._end_windows(before)  # no readings since the windows ended
-        _collect(swarm.members, swarm.team_size, swarm.believed_position, swarm.reading, self.extent, self.cell,
-                 self.shape, self.count, self.total)  # fmt: skip
+        self._collect(swarm)
         self._end_windows(now)
 
+    def _collect(self, swarm: Readers) -> None:
+        raise NotImplementedError
+
+    def _solve(self) -> list[np.ndarray]:
+        raise NotImplementedError
+
+    def solution(self) -> list[np.ndarray]:
+        """Return the solution of `_solve` at the end of the last window."""
+        if self._solved is None:
+            self._solved = self._solve()
+        return self._solved
+
     def estimate(self) -> np.ndarray:
-        """Return the mean gas map at the end of the last window [ppm], (trials, nx, ny); NaN in unknown cells."""
-        return self._solution()[0]
+        """Return the mean of the map at the end of the last window, (trials, nx, ny, ...); NaN in unknown cells."""
+        return self.solution()[0]
 
     def variance(self) -> np.ndarray:
-        """Return the variance of the mean gas map [ppm²], (trials, nx, ny); NaN in unknown cells."""
-        return self._solution()[1]
+        """Return the variance of the mean, (trials, nx, ny, ...); NaN in unknown cells."""
+        return self.solution()[1]
 
     def remembered(self, t: np.ndarray, place: np.ndarray, dt: float) -> np.ndarray:
         return np.minimum(self._share((window_of(t, self.model.window, dt) + 1.0) * self.model.window), 1.0)
-
-    def weight(self) -> np.ndarray:
-        """Return the confidence of the map, 1 / variance [1/ppm²], (trials, nx, ny); 0 in unknown cells."""
-        return np.nan_to_num(1.0 / self.variance(), nan=0.0)
 
     def _end_windows(self, number: int) -> None:
         """Close time windows until `number` have ended: store the readings of the running one, and drop faded ones."""
@@ -89,12 +102,12 @@ class MarkovMap(GasMap):
         time = (self.ended + 1) * self.model.window
         self.ended = number
         self._solved = None
-        count, total = (self._moved(field.values) for field in (self.count, self.total))
-        cells = np.flatnonzero(count)
+        sums = [self._moved(field.values) for field in self.sums]
+        cells = np.flatnonzero(sums[0])
         if len(cells):
-            self.past.append([time, cells, count[cells], total[cells]])
-            self.count.fill(0.0)
-            self.total.fill(0.0)
+            self.past.append([time, cells, *(values[cells] for values in sums)])
+            for field in self.sums:
+                field.fill(0.0)
         if self.model.memory is None:
             self._merge()
         else:
@@ -109,9 +122,9 @@ class MarkovMap(GasMap):
     def _merge(self) -> None:
         """Merge the readings of all past windows into one window, as readings without `memory` do not fade."""
         if len(self.past) > 1:
-            count, total = self._information()
-            cells = np.flatnonzero(count)
-            self.past = [[self.past[-1][0], cells, count.ravel()[cells], total.ravel()[cells]]]
+            sums = self._information()
+            cells = np.flatnonzero(sums[0])
+            self.past = [[self.past[-1][0], cells, *(values.ravel()[cells] for values in sums)]]
 
     def _share(self, time: float | np.ndarray) -> np.ndarray:
         """Return the remaining weight, from 1 to 0, of readings whose window ended at `time` [s]."""
@@ -119,33 +132,45 @@ class MarkovMap(GasMap):
             return np.ones_like(time)
         return np.maximum(1.0 - (self.ended * self.model.window - time) / self.model.memory, 0.0)
 
-    def _information(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return number and sum [ppm] of the readings in each cell, weighted by age, (trials, nx, ny) each."""
-        count, total = np.zeros(self.count.shape), np.zeros(self.count.shape)
-        for time, cells, n, z in self.past:
+    def _information(self) -> list[np.ndarray]:
+        """Return number and sums of the readings in each cell, weighted by age, (trials, nx, ny) each."""
+        sums = [np.zeros(field.shape) for field in self.sums]
+        for time, cells, *values in self.past:
             share = self._share(time)
-            count.ravel()[cells] += share * n
-            total.ravel()[cells] += share * z
-        return count, total
+            for total, value in zip(sums, values, strict=True):
+                total.ravel()[cells] += share * value
+        return sums
 
-    def _solution(self) -> list[np.ndarray]:
-        """Return the mean and the variance of the gas map, (trials, nx, ny) each; NaN in unknown cells."""
-        if self._solved is None:
-            count, total = self._information()
-            trials = len(count)
-            number = np.arange(trials)[:, None, None] * (self.region.max() + 1) + self.region
-            known = (np.bincount(number.ravel(), count.ravel()) > 0)[number]
-            precision = self.model.lambda_observation * count + ~known  # otherwise H would be singular
-            mean, variance = _solve(
-                precision, self.model.lambda_observation * total, self.links, self.model.lambda_prior
-            )
-            self._solved = [np.where(known, mean, np.nan), np.where(known, variance, np.nan)]
-        return self._solved
+    def _known(self, count: np.ndarray) -> np.ndarray:
+        """Return the mask (trials, nx, ny) of cells that a chain of links joins to a reading; count: their number."""
+        number = np.arange(len(count))[:, None, None] * (self.region.max() + 1) + self.region
+        return (np.bincount(number.ravel(), count.ravel()) > 0)[number]
 
 
-def _links(
+class MarkovMap(MarkovField):
+    """Gas map with mean [ppm] and variance [ppm²] in each cell by a Gaussian Markov random field."""
+
+    def weight(self) -> np.ndarray:
+        """Return the confidence of the map, 1 / variance [1/ppm²], (trials, nx, ny); 0 in unknown cells."""
+        return np.nan_to_num(1.0 / self.variance(), nan=0.0)
+
+    def _collect(self, swarm: Readers) -> None:
+        _collect(swarm.members, swarm.team_size, swarm.believed_position, swarm.reading, self.extent, self.cell,
+                 self.shape, *self.sums)  # fmt: skip
+
+    def _solve(self) -> list[np.ndarray]:
+        count, total = self._information()
+        known = self._known(count)
+        precision = self.model.lambda_observation * count + ~known  # otherwise H would be singular
+        mean, variance = _solve(
+            precision, self.model.lambda_observation * total, self.links, self.model.lambda_prior
+        )
+        return [np.where(known, mean, np.nan), np.where(known, variance, np.nan)]
+
+
+def links(
     cells: tuple[int, int], cell: float, obstacle_distance: Callable[[np.ndarray], np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
+) -> Links:
     """Return whether the line between neighbour cells is free of obstacles, along x (nx - 1, ny) and y (nx, ny - 1)."""
     place = centers(cells, cell)
     share = np.linspace(0.0, 1.0, LOOKS + 1)[:, None, None, None]
@@ -154,20 +179,20 @@ def _links(
     return obstacle_distance(along_x).min(axis=0) > 0, obstacle_distance(along_y).min(axis=0) > 0
 
 
-def _regions(links: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+def regions(joined: Links) -> np.ndarray:
     """Return a region number for each cell, (nx, ny), equal for cells that a chain of links joins."""
-    nx, ny = links[1].shape[0], links[0].shape[1]
+    nx, ny = joined[1].shape[0], joined[0].shape[1]
     cell = np.arange(nx * ny).reshape(nx, ny)
     ends = [
-        np.concatenate([cell[:-1][links[0]], cell[:, :-1][links[1]]]),
-        np.concatenate([cell[1:][links[0]], cell[:, 1:][links[1]]]),
+        np.concatenate([cell[:-1][joined[0]], cell[:, :-1][joined[1]]]),
+        np.concatenate([cell[1:][joined[0]], cell[:, 1:][joined[1]]]),
     ]
     graph = coo_array((np.ones(len(ends[0])), tuple(ends)), shape=(nx * ny, nx * ny))
     return connected_components(graph, directed=False)[1].reshape(nx, ny)
 
 
 def _solve(
-    precision: np.ndarray, g: np.ndarray, links: tuple[np.ndarray, np.ndarray], lambda_prior: float
+    precision: np.ndarray, g: np.ndarray, links: Links, lambda_prior: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return H⁻¹ g and the diagonal of H⁻¹, (trials, nx, ny) each. H: matrix of the links, each with weight
     `lambda_prior`, plus `precision` on the diagonal.

@@ -7,6 +7,7 @@ from taichi_plume.agents.gmrf import MarkovMap
 from taichi_plume.agents.kernel_dm import KernelMap
 from taichi_plume.agents.snapshots import InverseDistanceMap
 from taichi_plume.agents.time_series import TimeSeriesMap
+from taichi_plume.agents.wind_map import WindMap
 from taichi_plume.scenario.maps import Map
 
 KINDS: dict[str, type[GasMap]] = {
@@ -14,6 +15,7 @@ KINDS: dict[str, type[GasMap]] = {
     "inverse_distance": InverseDistanceMap,
     "kernel_dmv": KernelMap,
     "gmrf": MarkovMap,
+    "wind_gmrf": WindMap,
 }
 """Gas map classes by their `kind` in the scenario. Add a kind of map here."""
 

@@ -18,18 +18,19 @@ from taichi_plume.grid.rng import uniform4
 class ReceivedReadings:
     """Readings of a trial that its robot with number `robot`, counted over all groups, receives; see `Readers`.
 
-    `reading` is NaN for robots whose reading of the present time step does not arrive.
+    `reading` is NaN, and `wind_known` 0, for robots whose reading of the present time step does not arrive.
     """
 
     def __init__(self, swarm: Swarm, robot: int):
         self.swarm, self.robot = swarm, robot
         self.members, self.team_size = swarm.members, swarm.team_size
         self.believed_position = swarm.believed_position
-        self.wind, self.wind_known = swarm.wind, swarm.wind_known
+        self.wind = swarm.wind
         everyone = Members(swarm, range(len(swarm.groups)))  # with the indices of the swarm
         self.number = everyone.number
         self.p = Parameters(everyone, Radio.numbers, stream=f"map of robot {robot}")
         self.reading = ti.filled(np.full(swarm.count, np.nan), ti.f32)  # ppm
+        self.wind_known = ti.field(ti.i32, swarm.count)
 
     @ti.kernel
     def receive(self, tick: int):
@@ -42,4 +43,6 @@ class ReceivedReadings:
                 key, number, now = self.swarm.counter(i, self.number[i], tick)
                 u = uniform4(key, self.p.stream[i], number, now, 0)
                 arrives = apart <= self.p.range[receiver] and u[0] > self.p.loss[receiver]
-                self.reading[i] = ti.select(i == receiver or arrives, self.swarm.reading[i], ti.math.nan)
+                arrives = i == receiver or arrives
+                self.reading[i] = ti.select(arrives, self.swarm.reading[i], ti.math.nan)
+                self.wind_known[i] = ti.select(arrives, self.swarm.wind_known[i], 0)

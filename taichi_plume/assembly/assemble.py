@@ -132,7 +132,9 @@ def build(
     except NetworkError as error:
         raise ScenarioError([str(error)]) from None
     extent, most = (grid.extent[0], grid.extent[1]), swarm.members.shape[1]
-    mapped = Floor(extent, max(1, swarm.trials), most, scenario.tick, clearance.obstacle_distance_at)
+    mapped = Floor(
+        extent, max(1, swarm.trials), most, scenario.tick, clearance.obstacle_distance_at, scenario.passes_edge
+    )
     maps = mappers(scenario.maps, mapped)
     makers = {gas_map.robot for gas_map in scenario.maps if gas_map.robot is not None}
     received = {robot: ReceivedReadings(swarm, robot) for robot in sorted(makers)}

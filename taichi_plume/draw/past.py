@@ -73,6 +73,8 @@ class Past:
     def _maps(self, stored: "Sequence[xarray.Dataset]") -> dict[str, Picture]:
         scale, found = Scale(*self.run.scenario.recording.range_ppm, "log"), {}
         for n, (name, of) in enumerate(zip(map_names([each.attrs for each in stored]), stored, strict=True)):
+            if "component" in of:
+                continue  # a map of the wind
             groups = json.loads(of.attrs["groups"])
             for k, group in enumerate(groups):
                 whose = f"{name}, {', '.join(group['names'])}" if len(groups) > 1 else name

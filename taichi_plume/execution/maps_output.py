@@ -82,9 +82,9 @@ class MapsFile:
 
 
 def _map_variables(series: MapSeries) -> dict[str, np.ndarray]:
-    """Return the stored arrays of a gas map by variable name: estimate, weight, truth, coordinates and more."""
+    """Return the stored arrays of a gas or wind map by variable name: estimate, weight, truth, coordinates and more."""
     estimate = np.asarray(series.map.estimate(), np.float32)
-    trials, nx, ny = estimate.shape
+    trials, nx, ny, *components = estimate.shape
     cells = {"estimate": estimate, "weight": np.asarray(series.map.weight(), np.float32)}
     if isinstance(series.map, Uncertain):
         cells["variance"] = np.asarray(series.map.variance(), np.float32)
@@ -93,7 +93,8 @@ def _map_variables(series: MapSeries) -> dict[str, np.ndarray]:
         "trial": np.arange(trials, dtype=np.int32),
         "y": (np.arange(ny) + 0.5) * series.cell,
         "x": (np.arange(nx) + 0.5) * series.cell,
-        **{name: np.ascontiguousarray(values.transpose(0, 2, 1)) for name, values in cells.items()},
+        **{name: np.ascontiguousarray(values.swapaxes(1, 2)) for name, values in cells.items()},
+        **({"component": np.arange(2, dtype=np.int32)} if components else {}),
         "measurable": series.measurable.T.astype(np.int8),
     }
 

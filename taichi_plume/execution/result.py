@@ -17,8 +17,8 @@ from taichi_plume.grid.blas import blas_libraries
 from taichi_plume.scoring import trials as scores
 from taichi_plume.scoring.beliefs import BeliefScores
 from taichi_plume.scoring.declarations import Json
-from taichi_plume.scoring.maps import NAMES, MapScores, MapSeries
-from taichi_plume.time_loop import TimeLoop
+from taichi_plume.scoring.maps import WIND_NAMES, MapScores, MapSeries
+from taichi_plume.time_loop import Mapper, TimeLoop
 from taichi_plume.version import __version__
 
 
@@ -174,16 +174,23 @@ def _map(sim: TimeLoop, n: int, series: MapSeries | None) -> Json:
     made_by: groups whose readings are in the map. Means are over their trials, never over groups.
     """
     gas_map = sim.maps[n]
+    model = sim.scenario.maps[n]
     estimate = np.asarray(gas_map.estimate())
-    truth = scores.true_gas(sim, gas_map.cell, estimate.shape[1:])
-    measurable = scores.measurable(sim, gas_map.cell, estimate.shape[1:])
-    score = scores.map_score(estimate, np.where(measurable, truth, np.nan))
-    per_trial = {
-        "mae_ppm": score.mae,
-        "correlation": score.correlation,
-        "known_fraction": score.known,
-        "forecast_error_ppm": scores.forecast_error(gas_map.errors, len(estimate)),
-    }
+    measurable = scores.measurable(sim, gas_map.cell, estimate.shape[1:3])
+    forecast = model.measures == "gas"
+    if forecast:
+        truth = scores.true_gas(sim, gas_map.cell, estimate.shape[1:])
+        score = scores.map_score(estimate, np.where(measurable, truth, np.nan))
+        per_trial = {
+            "mae_ppm": score.mae,
+            "correlation": score.correlation,
+            "known_fraction": score.known,
+            "forecast_error_ppm": scores.forecast_error(gas_map.errors, len(estimate)),
+        }
+    else:
+        truth = scores.true_wind(sim, gas_map.cell, estimate.shape[1:3])
+        found = scores.wind_score(estimate, np.where(measurable[..., None], truth, np.nan))
+        per_trial = dict(zip((*WIND_NAMES, "known_fraction"), found, strict=True))
     parts = []
     for k, (names, rows) in enumerate(scores.map_rows(sim)):
         own = {name: values[rows] for name, values in per_trial.items()}
@@ -192,14 +199,10 @@ def _map(sim: TimeLoop, n: int, series: MapSeries | None) -> Json:
                 "made_by": list(names),
                 **{name: _mean(values) for name, values in own.items()},
                 "per_trial": {name: values.tolist() for name, values in own.items()},
-                "forecast": {
-                    "time_s": [t for t, _ in gas_map.errors],
-                    "error_ppm": [_mean(np.asarray(errors, float)[rows]) for _, errors in gas_map.errors],
-                },
+                **({"forecast": _forecast(gas_map, rows)} if forecast else {}),
                 **(_over_time(series, k) if series else {}),
             }
         )
-    model = sim.scenario.maps[n]
     about: Json = {"kind": model.kind, "cell_m": gas_map.cell}
     if model.robot is not None:
         about["robot"] = model.robot
@@ -208,12 +211,20 @@ def _map(sim: TimeLoop, n: int, series: MapSeries | None) -> Json:
     return about | {"groups": [{"name": part.pop("made_by")[0], **part} for part in parts]}
 
 
+def _forecast(gas_map: Mapper, rows: slice) -> Json:
+    """Return the forecast errors over time of some trials (rows) of a gas map."""
+    return {
+        "time_s": [t for t, _ in gas_map.errors],
+        "error_ppm": [_mean(np.asarray(errors, float)[rows]) for _, errors in gas_map.errors],
+    }
+
+
 def _over_time(series: MapSeries, k: int) -> Json:
-    """Return the scores over time of one group's part k of a gas map against the time-averaged gas."""
+    """Return the scores over time of one group's part k of a map against the time-averaged gas or wind."""
     rows = series.parts[k]
-    means = {name: [_known(value) for value in series.means(name)[:, k]] for name in NAMES}
-    last = {name: values[rows].tolist() for name, values in zip(NAMES, series.last, strict=True)}
-    return {"mean_gas": {"time_s": series.time, **means, "per_trial_at_end": last if series.time else {}}}
+    means = {name: [_known(value) for value in series.means(name)[:, k]] for name in series.names}
+    last = {name: values[rows].tolist() for name, values in zip(series.names, series.last, strict=True)}
+    return {f"mean_{series.quantity}": {"time_s": series.time, **means, "per_trial_at_end": last if series.time else {}}}
 
 
 def _mean(values: np.ndarray) -> float | None:

@@ -266,6 +266,14 @@ def _caveats(content: Json) -> list[tuple[str, str]]:
 
 
 def _map_line(gas_map: Json) -> str:
+    known = f"over {100 * gas_map['known_fraction']:.0f} % of the cells"
+    if "error_m_s" in gas_map:
+        series = gas_map.get("mean_wind", {})
+        error, angle = ((series.get(name) or [gas_map[name]])[-1] for name in ("error_m_s", "direction_error_deg"))
+        if error is None:
+            return "no cell is known"
+        turned = "" if angle is None else f", {angle:.0f}° off"
+        return f"beside the mean wind {known}: error {error:.2g} m/s{turned}"
     if gas_map["mae_ppm"] is None:
         return "no cell is known"
     trials = len(gas_map["per_trial"]["mae_ppm"])
@@ -273,7 +281,6 @@ def _map_line(gas_map: Json) -> str:
     now = f"error {gas_map['mae_ppm']:.3g} ppm"
     if gas_map["correlation"] is not None:
         now += f", correlation {gas_map['correlation']:.2f}"
-    known = f"over {100 * gas_map['known_fraction']:.0f} % of the cells"
     mean = {
         name: values[-1] for name, values in gas_map.get("mean_gas", {}).items() if values and name in MEAN
     }

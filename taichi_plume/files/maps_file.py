@@ -10,6 +10,9 @@ float32 in the order (trial, y, x), NaN where nothing is known:
     truth       [ppm]   mean of the gas since the robots started, at the height of their sensors; equal in all trials
     measurable  1 where a robot could be; without trial
 
+A map of the wind has estimate, variance and truth (the mean wind since the robots started, at the height of their
+anemometers) in the order (trial, y, x, component), in m/s and m²/s²; component 0 is along x, 1 along y.
+
 The k-th robot group that keeps a posterior of the source position is the group "belief_k", with the name of the robot
 group and the kind of its algorithm as attributes:
 
@@ -49,7 +52,14 @@ MEANING = {
     "truth": ("ppm", "mean of the gas since the robots started", WHOLE),
     "measurable": ("1", "1 where a robot could be", WHOLE[1:]),
     "robot": ("1", "number of the robot in its team", ()),
+    "component": ("1", "component of the wind: 0 along x, 1 along y", ()),
     "probability": ("1", "probability that the source is in the cell", ("trial", "robot", "y", "x")),
+}
+VECTORS = (*WHOLE, "component")
+OF_WIND = MEANING | {
+    "estimate": ("m s-1", "estimated wind", VECTORS),
+    "variance": ("m2 s-2", "variance of the estimate", VECTORS),
+    "truth": ("m s-1", "mean of the wind since the robots started", VECTORS),
 }
 
 
@@ -65,8 +75,9 @@ def write(path: Path, facts: Mapping[str, object], parts: Sequence[Part]) -> Non
         for place, attributes, variables in parts:
             attributes = {"Conventions": zarr_groups.CONVENTIONS, **_of_netcdf(attributes)}
             group = root.create_group(place, attributes=attributes)
+            meanings = OF_WIND if "component" in variables else MEANING
             for name, values in variables.items():
-                units, meaning, dimensions = MEANING[name]
+                units, meaning, dimensions = meanings[name]
                 about = {"units": units, "long_name": meaning}
                 about |= {"axis": name.upper()} if name in ("x", "y") else {}
                 zarr_groups.add(group, name, dimensions or (name,), values, about)
@@ -112,7 +123,7 @@ def read(path: Path) -> "list[xarray.Dataset]":
     with opened(path) as groups:
         maps = [_loaded(path, group) for group in groups]
         for n, gas_map in enumerate(maps):
-            if gas_map["estimate"].dims != WHOLE:
+            if gas_map["estimate"].dims not in (WHOLE, VECTORS):
                 raise ValueError(f"map {n} has an estimate of {gas_map['estimate'].dims}")
     return maps
 

@@ -99,6 +99,8 @@ def clouds(
 def maps_of(run: Run, trial: int) -> Iterator[tuple[str, "xarray.Dataset", int]]:
     """Yield (topic, gas map, row) for each final gas map of a trial; row: index of the trial's estimate in the map."""
     for n, gas_map in enumerate(run.maps if run.has("maps.zarr") else ()):
+        if "component" in gas_map:
+            continue  # a map of the wind
         parts = json.loads(gas_map.attrs["groups"])
         for k, part in enumerate(parts):
             if trial < part["trials"]:

@@ -18,11 +18,14 @@ LOG_WORK = 3e10  # most terms of sums of a whole log; some seconds
 MOST_NEIGHBOURS = 1_000_000  # members of a neighbourhood in space and time
 BORDER = 1e-9  # tolerance of rounding at the distance beta
 MOST_FIELD_COLUMN = 400  # cells: its third power is the work of an update
+WIND_PRIOR, WIND_MASS, WIND_OBSERVATION = 10.0, 1000.0, 10.0  # s²/m²
 
 
 class AnyMap(Model):
     """Base class of the maps: their sizes and checks."""
 
+    measures: ClassVar[str] = "gas"
+    """Quantity of the map: "gas" or "wind"."""
     times: ClassVar[tuple[str, ...]] = ()
     """Keys that set how long readings count. A map of a log chooses them, unless one of them is given."""
     kind: str
@@ -206,17 +209,12 @@ class KernelMap(AnyMap):
         return super().bytes(size, readings) + 70.0 * self.exact
 
 
-class MarkovMap(AnyMap):
-    """Mean and variance by a Gaussian Markov random field, cut by obstacles (Monroy et al. 2016, Autonomous Robots)."""
+class FieldMap(AnyMap):
+    """Base class of the maps by Gaussian Markov random fields."""
 
     times: ClassVar[tuple[str, ...]] = ("memory",)
-    kind: Literal["gmrf"]  # type: ignore[assignment]
     cell: si.Length = 0.1
-    lambda_prior: si.SomeCoefficient = 0.01
-    """Precision of the difference of neighbouring cells, in 1/ppm²: less lets the map vary more."""
-    lambda_observation: si.SomeCoefficient = 10.0
-    """Precision of a fresh reading, in 1/ppm². The mean depends on the two by their ratio alone."""
-    memory: si.Duration | None = 60.0
+    memory: si.Duration | None = None
     """Age at which a reading no longer counts, after a steady decrease; null: readings count for ever."""
     window: si.Duration = 1.0
     """Time between updates; readings within it are of the same age."""
@@ -239,4 +237,33 @@ class MarkovMap(AnyMap):
         return line
 
 
-Map = Annotated[TimeSeriesMap | InverseDistanceMap | KernelMap | MarkovMap, Field(discriminator="kind")]
+class MarkovMap(FieldMap):
+    """Mean and variance by a Gaussian Markov random field, cut by obstacles (Monroy et al. 2016, Autonomous Robots)."""
+
+    kind: Literal["gmrf"]  # type: ignore[assignment]
+    lambda_prior: si.SomeCoefficient = 0.01
+    """Precision of the difference of neighbouring cells, in 1/ppm²: less lets the map vary more."""
+    lambda_observation: si.SomeCoefficient = 10.0
+    """Precision of a fresh reading, in 1/ppm². The mean depends on the two by their ratio alone."""
+    memory: si.Duration | None = 60.0
+    """Age at which a reading no longer counts, after a steady decrease; null: readings count for ever."""
+
+
+class WindMap(FieldMap):
+    """Wind over the floor from anemometers, by a random field that conserves mass (Monroy et al. 2017, ISOEN)."""
+
+    measures: ClassVar[str] = "wind"
+    kind: Literal["wind_gmrf"]  # type: ignore[assignment]
+    cell: si.Length = 0.2
+    lambda_prior: si.SomeCoefficient = WIND_PRIOR
+    """Precision of the difference of neighbouring velocities, in s²/m²: less lets the wind vary more."""
+    lambda_mass: si.SomeCoefficient = WIND_MASS
+    """Precision of the outflow of a cell over its edge, in s²/m²: more conserves mass more closely."""
+    lambda_observation: si.SomeCoefficient = WIND_OBSERVATION
+    """Precision of a fresh reading of one component, in s²/m²: turbulence scatters readings about the mean wind."""
+
+    def bytes(self, size: tuple[float, ...], readings: float) -> float:
+        return 8.0 * super().bytes(size, readings)
+
+
+Map = Annotated[TimeSeriesMap | InverseDistanceMap | KernelMap | MarkovMap | WindMap, Field(discriminator="kind")]

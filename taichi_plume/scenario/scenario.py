@@ -218,6 +218,27 @@ class Scenario(Model):
         """Openings (inlets, outlets, walls) of the flow if it is computed; otherwise none."""
         return self.wind.computed.openings if self.wind.computed else ()
 
+    def passes_edge(self, axis: int, side: int, along: np.ndarray, width: float) -> np.ndarray:
+        """Return whether air passes an edge of the floor within `width` around positions (n,) along it [m], (n,).
+
+        axis: normal to the edge (0: x, 1: y); side: 0 at the origin, 1 at the other end. In 3-D an opening counts at
+        the height of the first group's anemometer. Winds without walls pass everywhere.
+        """
+        if self.wind.computed is None:
+            return np.ones(len(along), bool)
+        passes = np.zeros(len(along), bool)
+        height = self.robots[0].sensors.wind.height if self.robots else 0.0
+        for opening in self.openings:
+            region = opening.region
+            if opening.wraps == "xy"[axis]:
+                passes[:] = True
+            elif region is not None and opening.passes and (region.axis, region.side) == (axis, side):
+                center, half = region.rectangle(self.domain.extent)
+                if len(center) == 1 or abs(height - center[1]) <= half[1]:
+                    overlap = half[0] + 0.5 * width - np.abs(along - center[0])
+                    passes |= overlap > 0.5 * min(width, 2.0 * half[0])
+        return passes
+
     @property
     def screens(self) -> tuple[AnyScreen, ...]:
         """Return the permeable screens of a computed flow; other winds have none."""

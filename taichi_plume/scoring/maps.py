@@ -9,7 +9,15 @@ tends to this mean. When a snapshot ends (or every `trials.PERIOD` without snaps
     nlpd             mean of ½ ln(2π v) + (r - m)² / 2v over the readings r since the previous score, with the estimate
                      m of that time and the variance v of a reading: the map's forecast of these readings. NaN without
                      variance
+
+Maps of the wind are scored alike, against the mean wind since the start at the height of the anemometers:
+
+    error_m_s            mean of |estimate - truth| over the cells with an estimate that a robot can reach
+    direction_error_deg  mean angle between estimate and truth over these cells, weighted by the true speed
 """
+
+from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 
@@ -19,20 +27,24 @@ from taichi_plume.time_loop import Every, TimeLoop
 
 LOOKS = 1.0  # s, time between samples of the true gas and the readings
 NAMES = ("error_ppm", "correlation", "peak_distance_m", "nlpd")
+WIND_NAMES = ("error_m_s", "direction_error_deg")
 
 
 class MapSeries:
     """Scores of one gas map over time, as means over the trials of each group (see `scores.map_rows`).
 
-    rows: see the properties. last: (4, trials), scores of all trials at the last of the times.
+    rows: see the properties. last: (names, trials), scores of all trials at the last of the times.
     """
 
+    names: ClassVar[tuple[str, ...]] = NAMES
+    quantity: ClassVar[str] = "gas"
+    true: ClassVar[Callable[..., np.ndarray]] = staticmethod(scores.true_gas)
     STATE = ("sum", "looks", "ended", "rows", "last", "expected", "surprise")
 
     def __init__(self, sim: TimeLoop, number: int):
         self.map = sim.maps[number]
         self.cell, self.period = self.map.cell, self.map.window or scores.PERIOD
-        trials, nx, ny = np.shape(self.map.estimate())
+        trials, nx, ny, *components = np.shape(self.map.estimate())
         self.shape = (nx, ny)
         self.sources, self.begins = scores.source_places(sim)[:, :2], scores.begins(sim.scenario)
         groups = sim.swarm.groups if sim.swarm.count else []
@@ -41,17 +53,17 @@ class MapSeries:
         trial = [np.repeat(group.row + np.arange(group.trials), group.count) for group in groups]
         self.trial = np.concatenate([[], *trial]).astype(int)
         self.parts = [rows for _, rows in scores.map_rows(sim)]
-        self.sum, self.looks, self.ended = np.zeros(self.shape), 0, 0
+        self.sum, self.looks, self.ended = np.zeros((nx, ny, *components)), 0, 0
         self.rows = Series(
-            len(NAMES) * (1 + len(self.parts))
+            len(self.names) * (1 + len(self.parts))
         )  # per name: score of the first trial, then means of the groups
-        self.last = np.full((len(NAMES), trials), np.nan)
+        self.last = np.full((len(self.names), trials), np.nan)
         self.expected: list[np.ndarray] = []  # mean and variance of a `Prediction`, once there is one
         self.surprise = np.zeros((2, trials))  # sum and number of the readings since the last score
 
     @property
     def truth(self) -> np.ndarray:
-        """Time average of the true gas [ppm], (nx, ny)."""
+        """Time average of the true gas [ppm], (nx, ny), or of the wind [m/s], (nx, ny, 2)."""
         return self.sum / max(1, self.looks)
 
     @property
@@ -68,15 +80,15 @@ class MapSeries:
         return self._of(name)[:, 1:]
 
     def _of(self, name: str) -> np.ndarray:
-        shape = len(self.rows), len(NAMES), 1 + len(self.parts)
-        return self.rows.values.reshape(shape)[:, NAMES.index(name)]
+        shape = len(self.rows), len(self.names), 1 + len(self.parts)
+        return self.rows.values.reshape(shape)[:, self.names.index(name)]
 
-    def sample(self, sim: TimeLoop, gas: np.ndarray) -> None:
-        """Add the true gas above the background [ppm], (nx, ny), and the robots' readings.
+    def sample(self, sim: TimeLoop, truth: np.ndarray) -> None:
+        """Add the truth, the gas above the background [ppm] (nx, ny) or the wind, and the robots' readings.
 
         At the end of a snapshot, score the map.
         """
-        self.sum += gas
+        self.sum += truth
         self.looks += 1
         if self.expected and len(self.trial):
             now = sim.swarm.snapshot()
@@ -93,17 +105,34 @@ class MapSeries:
             row += np.bincount(self.trial, values, len(row))
 
     def _score(self, t: float) -> None:
-        estimate = np.asarray(self.map.estimate())
-        score = scores.map_score(estimate, np.where(self.measurable, self.truth, np.nan))
-        peak = scores.peak_distance(estimate, self.cell, self.sources[self.begins < t])
-        self.last = np.stack([score.mae, score.correlation, peak, scores.mean_of(*self.surprise)])
+        self.last = self._scores(t)
         row = [
             [values[0], *(scores.mean_of_known(values[part]) for part in self.parts)] for values in self.last
         ]
         self.rows.append((t, np.ravel(row)))
+
+    def _scores(self, t: float) -> np.ndarray:
+        """Return the scores at time t [s], (names, trials), and predict the readings until the next ones."""
+        estimate = np.asarray(self.map.estimate())
+        score = scores.map_score(estimate, np.where(self.measurable, self.truth, np.nan))
+        peak = scores.peak_distance(estimate, self.cell, self.sources[self.begins < t])
+        found = np.stack([score.mae, score.correlation, peak, scores.mean_of(*self.surprise)])
         self.surprise = np.zeros_like(self.surprise)
         expects = scores.Prediction.of(self.map, self.extent)
         self.expected = [expects.mean, expects.variance] if expects else []
+        return found
+
+
+class WindSeries(MapSeries):
+    """Scores of one wind map over time."""
+
+    names: ClassVar[tuple[str, ...]] = WIND_NAMES
+    quantity: ClassVar[str] = "wind"
+    true: ClassVar[Callable[..., np.ndarray]] = staticmethod(scores.true_wind)
+
+    def _scores(self, t: float) -> np.ndarray:
+        truth = np.where(self.measurable[..., None], self.truth, np.nan)
+        return np.stack(scores.wind_score(np.asarray(self.map.estimate()), truth)[:2])
 
 
 class MapScores:
@@ -112,16 +141,17 @@ class MapScores:
     STATE = ("series",)
 
     def __init__(self, sim: TimeLoop):
-        self.series = [MapSeries(sim, n) for n in range(len(sim.maps))]
+        kinds = {kind.quantity: kind for kind in (MapSeries, WindSeries)}
+        self.series = [kinds[model.measures](sim, n) for n, model in enumerate(sim.scenario.maps)]
 
     def observer(self) -> Every:
         """Return the observer, to be called before others that need the scores of the same time."""
         return Every(LOOKS, self.sample)
 
     def sample(self, sim: TimeLoop) -> None:
-        gas: dict[tuple, np.ndarray] = {}  # maps often share their cells
+        truths: dict[tuple, np.ndarray] = {}  # maps often share their cells
         for series in self.series:
-            cells = (series.cell, series.shape)
-            if cells not in gas:
-                gas[cells] = scores.true_gas(sim, *cells)
-            series.sample(sim, gas[cells])
+            cells = (type(series), series.cell, series.shape)
+            if cells not in truths:
+                truths[cells] = series.true(sim, *cells[1:])
+            series.sample(sim, truths[cells])

@@ -40,14 +40,30 @@ def true_gas(sim: TimeLoop, cell: float, shape: tuple[int, int]) -> np.ndarray:
     """Return the mean true concentration above the background [ppm] of each map cell at the height of the gas sensors,
     (nx, ny).
     """
+    points, n = _points(sim, cell, shape, sensor_height(sim))
+    ppm = fields.excess_at(sim.gas, points, sim.t).sum(axis=-1)
+    return block_mean(ppm, n)
+
+
+def true_wind(sim: TimeLoop, cell: float, shape: tuple[int, int]) -> np.ndarray:
+    """Return the mean true wind along x and y [m/s] of each map cell at the height of the first group's anemometers,
+    (nx, ny, 2).
+    """
+    groups = sim.scenario.robots
+    height = groups[0].sensors.wind.height if groups else min(SENSORS, sim.grid.extent[-1])
+    points, n = _points(sim, cell, shape, height)
+    return block_mean(fields.velocity_at(sim.wind, points, sim.t)[..., :2], (n, n, 1))
+
+
+def _points(sim: TimeLoop, cell: float, shape: tuple[int, int], height: float) -> tuple[np.ndarray, int]:
+    """Return n x n points per map cell at a height [m], (nx n, ny n, dim) [m], and n."""
     n = min(SAMPLES, max(1, ceil(cell / sim.grid.dx - 1e-9)))
     axes = [(np.arange(count * n) + 0.5) * cell / n for count in shape]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     points = np.minimum(points, sim.grid.extent[:2])  # the last cell may extend beyond the edge
     if sim.grid.dim == 3:
-        points = np.concatenate([points, np.full((*points.shape[:2], 1), sensor_height(sim))], axis=-1)
-    ppm = fields.excess_at(sim.gas, points, sim.t).sum(axis=-1)
-    return block_mean(ppm, n)
+        points = np.concatenate([points, np.full((*points.shape[:2], 1), height)], axis=-1)
+    return points, n
 
 
 def measurable(sim: TimeLoop, cell: float, shape: tuple[int, int]) -> np.ndarray:
@@ -93,6 +109,22 @@ def map_score(estimate: np.ndarray, truth: np.ndarray) -> MapScore:
         if len(a) > 1 and a.std() > 0 and b.std() > 0:
             correlation[k] = np.corrcoef(a, b)[0, 1]
     return MapScore(mae, correlation, known)
+
+
+def wind_score(estimate: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return error [m/s], direction error [deg] and known fraction (trials,) of wind maps (trials, nx, ny, 2) [m/s].
+
+    truth: (nx, ny, 2) [m/s], NaN in cells that do not count. The error is the mean of |estimate - truth| over the known
+    cells; the direction error the mean angle between the two, weighted by the true speed. NaN without such cells.
+    """
+    cells = np.isfinite(truth[..., 0]) & np.isfinite(estimate[..., 0])
+    a, b = np.where(cells[..., None], estimate, 0.0), np.where(cells[..., None], truth, 0.0)
+    angle = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], (a * b).sum(axis=-1))
+    speed, number = np.linalg.norm(b, axis=-1), cells.sum(axis=(1, 2))
+    error = mean_of(np.linalg.norm(a - b, axis=-1).sum(axis=(1, 2)), number)
+    whole = speed.sum(axis=(1, 2))
+    direction = np.degrees((np.abs(angle) * speed).sum(axis=(1, 2)) / np.where(whole > 0, whole, np.nan))
+    return error, direction, number / max(1, np.isfinite(truth[..., 0]).sum())
 
 
 def peak_distance(estimate: np.ndarray, cell: float, sources: np.ndarray) -> np.ndarray:

@@ -51,6 +51,11 @@ PART = {
     "forecast": ANY,
     "mean_gas": ANY,
 }
+WIND_PART = {
+    **dict.fromkeys(("error_m_s", "direction_error_deg", "known_fraction"), 0),
+    "per_trial": ANY,
+    "mean_wind": ANY,
+}
 BELIEF = {
     **dict.fromkeys(("cell_m", *OF_BELIEFS), 0),
     "per_trial": dict.fromkeys(OF_BELIEFS, NUMBERS),
@@ -159,6 +164,8 @@ def _unknown(path: str, scenario: Scenario) -> Iterator[str]:
                 yield f"result.json has no {at}.{step}; {at} takes {has}"
                 return
             known = known[0]
+            if at == "maps" and scenario.maps[int(step)].measures == "wind":
+                known = {"cell_m": 0, **WIND_PART, "groups": [WIND_PART]}
         elif not isinstance(known, Mapping) or step not in known:
             names = list(known) if isinstance(known, Mapping) else []
             close = difflib.get_close_matches(step, names, n=1)
