@@ -3,6 +3,7 @@
 import numpy as np
 
 from taichi_plume.agents.decisions import Decision
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.engine import ti
@@ -21,23 +22,32 @@ MEAN = Decision("mean_ppm", "ppm", "mean reading of the last acquisition", "acqu
 class Acquisition:
     """Series of gas samples that robots take while standing still; read `mean` once an acquisition is complete.
 
-    parameters: must include the entries of `Acquisition.numbers`.
+    parameters: must include the entries of `Acquisition.numbers`. With the key `lag: deconvolved` the mean is that of
+    the gas at the sensor, not of its lagging readings y: the mean over the samples of y + T dy/dt, that is
+    mean(y) + T (y_last - y_first) / duration, T the time constant of the sensor's rise or decay.
     """
 
-    STATE: tuple[str, ...] = ("since", "total", "last")
+    STATE: tuple[str, ...] = ("since", "total", "last", "first", "end")
 
     def __init__(self, members: Members, parameters: Parameters):
         self.swarm, self.robot, self.p = members.swarm, members.robot, parameters
         self.since = ti.field(ti.i32, members.size)  # ticks since standing still
         self.total = ti.field(ti.f32, members.size)  # sum of the samples so far [ppm]
+        self.first = ti.field(ti.f32, members.size)  # reading as the samples begin [ppm]
+        self.end = ti.field(ti.f32, members.size)  # last sample [ppm]
         self.last = ti.filled(np.full(members.size, np.nan), ti.f32)  # mean of the last acquisition [ppm]
 
     @staticmethod
-    def numbers(model: Listening, tick: float, least: int = 1) -> Numbers:
+    def numbers(group: GroupRange, tick: float, least: int = 1) -> Numbers:
         """Return kernel parameters of acquisitions; tick: control period [s]; least: smallest number of samples."""
+        model: Listening = group.model.algorithm
         between = ticks_between(model, tick)
         samples = max(least, round(model.acquisition / (between * tick)))
+        signal, duration = group.model.sensors.noses[0].signal, samples * between * tick
+        counts = model.lag == "deconvolved"
         return {
+            "rise_gain": counts * signal.rise / duration,
+            "decay_gain": counts * signal.decay / duration,
             "settle": max(0, round(model.settle / tick)),  # ticks
             "between": between,
             "samples": samples,
@@ -50,9 +60,12 @@ class Acquisition:
         i = self.robot[n]
         if self.since[n] == 0:
             self.total[n] = 0.0
+        if self.since[n] == self.p.settle[n]:
+            self.first[n] = self.swarm.reading[i]
         self.since[n] += 1
         listened = self.since[n] - self.p.settle[n]
         if listened > 0 and listened % self.p.between[n] == 0:
+            self.end[n] = self.swarm.reading[i]
             self._hear(n, listened // self.p.between[n] - 1, self.swarm.reading[i])
         over = listened >= self.p.samples[n] * self.p.between[n]
         if over:
@@ -69,7 +82,11 @@ class Acquisition:
     @ti.func
     def mean(self, n):
         """Return the mean of the samples of robot n's last acquisition [ppm]."""
-        return self.total[n] * self.p.share[n]
+        mean, change = self.total[n] * self.p.share[n], self.end[n] - self.first[n]
+        gain = ti.select(change > 0.0, self.p.rise_gain[n], self.p.decay_gain[n])
+        if gain > 0.0:
+            mean = ti.max(mean + gain * change, 0.0)
+        return mean
 
 
 class Recording(Acquisition):
@@ -85,3 +102,18 @@ class Recording(Acquisition):
     def _hear(self, n, k, ppm):
         self.total[n] += ppm
         self.heard[n, k] = ppm
+
+
+class Counting(Acquisition):
+    """Acquisitions that count the samples at the threshold or above: `above[n]`. parameters: have a `threshold`."""
+
+    STATE = (*Acquisition.STATE, "above")
+
+    def __init__(self, members: Members, parameters: Parameters):
+        super().__init__(members, parameters)
+        self.above = ti.field(ti.i32, members.size)
+
+    @ti.func
+    def _hear(self, n, k, ppm):
+        self.total[n] += ppm
+        self.above[n] = ti.select(k == 0, 0, self.above[n]) + ti.cast(ppm >= self.p.threshold[n], ti.i32)

@@ -25,6 +25,7 @@ from taichi_plume.agents.least_known import LeastKnown
 from taichi_plume.agents.lineup import LineUp
 from taichi_plume.agents.particle_filter import ParticleFilter
 from taichi_plume.agents.random_walk import RandomWalk
+from taichi_plume.agents.source_term import SourceTerm
 from taichi_plume.agents.spiral import Spiral
 from taichi_plume.agents.surge_cast import SurgeCast
 from taichi_plume.agents.surge_spiral import SurgeSpiral
@@ -40,6 +41,7 @@ ALGORITHMS: dict[str, type[Algorithm]] = {
     "infotaxis": Infotaxis,
     "particle_filter": ParticleFilter,
     "hit_map": HitMap,
+    "source_term": SourceTerm,
     "space_aware_infotaxis": SpaceAwareInfotaxis,
     "dapso": Dapso,
     "lineup": LineUp,

@@ -122,6 +122,11 @@ class Columns:
         width=2,
         components=("declared_x", "declared_y"),
     )
+    declared_rate = Column(
+        "kg/s",
+        "rate of this source, and the limits of its interval of 90 %; NaN without an estimate",
+        width=3,
+    )
     declared_time = Column("s", "time of this declaration; NaN before")
     declarations = Column("1", "number of declarations of a source's position", np.int32, tabled=True)
     false_declarations = Column(

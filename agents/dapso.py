@@ -94,7 +94,7 @@ class Dapso(KernelAlgorithm):
         return {
             **Radio.numbers(group),
             **Potential.numbers(self.swarm, group, model.speed, model.avoidance),
-            **Acquisition.numbers(model, self.tick),
+            **Acquisition.numbers(group, self.tick),
             "phi1": model.phi1,
             "phi2": model.phi2,
             "chi": constriction(model.phi1 + model.phi2, model.kappa),

@@ -38,7 +38,7 @@ class Dispersion:
     wind: velocity at the centres of the cells (nx, ny, 2) or (nx, ny, nz, 3) [m/s]. cell: edge of the cells [m]. solid:
     mask of cells without air, (nx, ny) or (nx, ny, nz). diffusivity: eddy diffusivity K [m²/s]. lifetime: T [s] after
     which gas is lost, or for which it has been released; None: for ever. depth: of a layer in 2-D [m]. open_edges:
-    whether air crosses the edges of the domain. Raises ValueError for other shapes or values, and if neither an open
+    whether air may cross the edges of the domain, or masks of the cells along each edge, x-, x+, y-, y+ and so on. Raises ValueError for other shapes or values, and if neither an open
     edge nor a lifetime removes the gas.
     """
 
@@ -51,7 +51,7 @@ class Dispersion:
         diffusivity: float = 0.01,
         lifetime: float | None = None,
         depth: float = 1.0,
-        open_edges: bool = True,
+        open_edges: bool | Sequence[np.ndarray] = True,
     ):
         wind = np.asarray(wind, float)
         self.shape, self.dim, self.cell = wind.shape[:-1], wind.ndim - 1, float(cell)
@@ -75,7 +75,7 @@ class Dispersion:
         self.volume = self.area * cell  # of a cell [m³]
         self.number = np.arange(self.solid.size).reshape(self.shape)
         self.faces = [self._faces(wind, axis) for axis in range(self.dim)]
-        edge, outflow, self.outward = self._edges(np.where(open_edges, wind, 0.0))
+        edge, outflow, self.outward = self._edges(wind, open_edges)
         self.edges = edge, outflow
         self._make_consistent()
 
@@ -127,12 +127,15 @@ class Dispersion:
         speed = 0.5 * (wind[lower][..., axis] + wind[upper][..., axis])
         return self.number[lower][free], self.number[upper][free], speed[free]
 
-    def _edges(self, wind: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _edges(
+        self, wind: np.ndarray, open_edges: bool | Sequence[np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return cell, outflow [m/s] and outward direction (dim,) of the faces on the edge that the wind crosses."""
         cells, speeds, directions = [], [], []
         for axis in range(self.dim):
             for end, sign in ((0, -1.0), (-1, 1.0)):
-                free = ~np.take(self.solid, end, axis)
+                side = open_edges if isinstance(open_edges, bool) else open_edges[2 * axis - end]
+                free = ~np.take(self.solid, end, axis) & side
                 cells.append(np.take(self.number, end, axis)[free])
                 speeds.append(sign * np.take(wind[..., axis], end, axis)[free])
                 directions.append(np.tile(sign * np.eye(self.dim)[axis], (len(cells[-1]), 1)))

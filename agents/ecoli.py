@@ -46,7 +46,7 @@ class EColi(KernelAlgorithm):
     def numbers(self, group: GroupRange, model: algorithms.EColi) -> Numbers:
         return {
             **Legs.numbers(group, model.speed),
-            **Acquisition.numbers(model, self.tick),
+            **Acquisition.numbers(group, self.tick),
             "step": model.step,  # m
             "scatter": model.step_spread,
             "run_angle": radians(model.run_angle_deg),

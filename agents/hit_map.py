@@ -35,15 +35,14 @@ from taichi_plume.agents.beliefs import LEAST, SPREAD, Beliefs, Declaring
 from taichi_plume.agents.decisions import Decision, way_point
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
-from taichi_plume.agents.potential import NEAR, Potential
+from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.shortest_paths import FAR, Ways
+from taichi_plume.agents.way_points import WayPoints
 from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import direction, exp, log
 from taichi_plume.scenario.belief_algorithms import HitMap as Model
 
 ACQUIRE, MOVE = range(2)
-
-ON_THE_WAY = 0.5  # cells: distance from a corner of the path that counts as arrival
 
 
 class HitMap(KernelAlgorithm):
@@ -52,7 +51,7 @@ class HitMap(KernelAlgorithm):
     PER_GROUP: bool = True  # has a single map of paths
     WORK = 4
     STATE: tuple[str, ...] = (
-        *("potential", "acquisition", "declaring", "belief", "felt", "goal", "next"),
+        *("potential", "acquisition", "declaring", "belief", "felt", "course"),
         *("detection", "entropy", "information"),
     )
     STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "MOVE")
@@ -73,11 +72,10 @@ class HitMap(KernelAlgorithm):
         self.gas = Ways(self.swarm.clearance, self.model.cell, 0.0)  # paths of air
         room = self.members.groups[0].model.body.radius + self.model.avoidance
         self.roads = Ways(self.swarm.clearance, self.model.cell, room)  # paths of robots
+        self.course = WayPoints(self.members, self.roads, self.potential)
         self.count, self.columns, self.cell = self.gas.count, self.gas.shape[1], self.gas.cell
         self.felt = ti.vector_field(2, ti.f32, self.size)  # sum of the wind during an acquisition [m/s]
         self.home = ti.field(ti.i32, self.size)  # cell of the start position
-        self.goal = ti.field(ti.i32, self.size)  # cell to measure in
-        self.next = ti.field(ti.i32, self.size)  # cell on the way there
         self.detection, self.entropy, self.information = (
             ti.filled(np.full(self.size, np.nan), ti.f32) for _ in range(3)
         )  # of the last acquisition; NaN before
@@ -86,7 +84,7 @@ class HitMap(KernelAlgorithm):
     def numbers(self, group: GroupRange, model: Model) -> Numbers:
         return {
             **Potential.numbers(self.swarm, group, model.speed, model.avoidance),
-            **Acquisition.numbers(model, self.tick),
+            **Acquisition.numbers(group, self.tick),
             **Declaring.numbers(model, group),
             "threshold": model.threshold_ppm,
             "calm": model.calm,  # m/s
@@ -106,9 +104,7 @@ class HitMap(KernelAlgorithm):
     @property
     def way_point(self) -> np.ndarray:
         """Centre of the cell to which each robot drives (size, 2) [m]; NaN before the first."""
-        goal, low = self.goal.values, np.array(self.gas.low)
-        place = low + self.cell * (np.stack([goal // self.columns, goal % self.columns], axis=-1) + 0.5)
-        return np.where(np.isnan(self.entropy.values)[:, None], np.nan, place)
+        return np.where(np.isnan(self.entropy.values)[:, None], np.nan, self.course.places)
 
     @ti.func
     def _start(self, n):
@@ -135,7 +131,8 @@ class HitMap(KernelAlgorithm):
                         self.detection[n], self.entropy[n] = ti.cast(hit, ti.f32), self.belief.entropy(n)
                         self._go_on(n, wind, t)
             if self.swarm.state[i] == MOVE:
-                self._follow(n, dt)
+                if self.course.follow(n, dt):
+                    self.swarm.state[i] = ACQUIRE
 
     @ti.func
     def _forget(self, n):
@@ -215,24 +212,12 @@ class HitMap(KernelAlgorithm):
             goal = -1
             self.information[n] = ti.math.nan
             if spread <= self.p.converged[n]:
-                goal = self._nearest_to(start, mean)
+                goal = self.course.nearest_to(start, mean)
             if goal < 0 or goal == start:
                 goal = self._most_telling(n, start, wind)
             if goal >= 0:
-                self.goal[n] = goal
-                self.next[n] = ti.cast(self.roads.via[start, goal], ti.i32)
-                self.potential.set_out(n)
+                self.course.set_out(n, start, goal)
                 self.swarm.state[i] = MOVE
-
-    @ti.func
-    def _nearest_to(self, start, place):
-        """Return the cell nearest to the point `place` [m] among those that a robot in cell `start` can reach."""
-        best, nearest = start, FAR
-        for c in range(self.count):
-            distance = (self.gas.center(c) - place).norm()
-            if self.roads.length[start, c] < FAR and distance < nearest:
-                best, nearest = c, distance
-        return best
 
     @ti.func
     def _most_telling(self, n, start, wind):
@@ -250,20 +235,3 @@ class HitMap(KernelAlgorithm):
         if best >= 0:
             self.information[n] = most
         return best
-
-    @ti.func
-    def _follow(self, n, dt):
-        """Drive robot n to the next cell of its path; at the end of the path, or if blocked, let it measure."""
-        i = self.robot[n]
-        last = self.next[n] == self.goal[n]
-        place = self.roads.center(self.next[n])
-        if self.potential.is_over(n, place, ti.select(last, NEAR, ON_THE_WAY * self.cell)):
-            if last or self.potential.is_stuck(n):
-                self.swarm.state[i] = ACQUIRE
-            else:
-                self.next[n] = ti.cast(self.roads.via[self.next[n], self.goal[n]], ti.i32)
-                self.potential.set_out(n)
-        if self.swarm.state[i] == MOVE:
-            self.potential.drive(n, self.roads.center(self.next[n]), dt)
-        else:
-            self.potential.stand(n)

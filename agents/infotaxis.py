@@ -87,7 +87,7 @@ class AnyInfotaxis(KernelAlgorithm):
     def numbers(self, group: GroupRange, model: belief_algorithms.AnyInfotaxis) -> Numbers:
         return {
             **Legs.numbers(group, model.speed),
-            **Acquisition.numbers(model, self.tick),
+            **Acquisition.numbers(group, self.tick),
             **Declaring.numbers(model, group),
             "threshold": model.threshold_ppm,
             "step": model.step,  # m

@@ -168,12 +168,14 @@ class SourcePosterior:
 
     # ------------------------------------------------------------ measurements
 
-    def learn(self, place: np.ndarray, reading: float, response: np.ndarray, samples: int = 1) -> None:
-        """Add a measurement at a point (2,) [m]: a mean reading [ppm], or a count of `samples`; response: (nx, ny)."""
-        self.at = np.concatenate([self.at, [place]])
-        self.reading = np.append(self.reading, reading)
-        self.samples = np.append(self.samples, samples)
-        self.response = np.concatenate([self.response, response.reshape(1, -1)])
+    def learn(self, at: np.ndarray, reading: np.ndarray, response: np.ndarray, samples: int = 1) -> None:
+        """Update the posterior to all measurements up to now, the earlier ones in the same order.
+
+        at: points (k, 2) [m]; reading: mean readings (k,) [ppm], or counts of so many `samples` above the threshold;
+        response: of each measurement to a source of unit rate in each cell, (k, nx, ny) [ppm/(kg/s)].
+        """
+        self.at, self.reading = np.asarray(at, float), np.asarray(reading, float)
+        self.response, self.samples = response.reshape(len(response), -1), samples
         self.update()
 
     def rule_out(self, cells: np.ndarray) -> None:
@@ -212,7 +214,7 @@ class SourcePosterior:
         """Return the expected share of the sources in each cell, (nx, ny); the sum is 1."""
         exists = self.particles.exists
         share = np.where(exists, 1.0 / exists.sum(axis=1, keepdims=True), 0.0)
-        total = np.bincount(self._cell(self.particles.place).ravel(), share.ravel(), self.prior.size)
+        total = np.bincount(self.cell_of(self.particles.place).ravel(), share.ravel(), self.prior.size)
         return (total / total.sum()).reshape(self.cells)
 
     def estimates(self) -> list[Estimate]:
@@ -239,13 +241,13 @@ class SourcePosterior:
     def draw(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the rates in cells of some of the particles, (count, nx, ny) [kg/s], and their shapes s (count,)."""
         part = self.particles.take(np.linspace(0, self.size - 1, count).astype(int))
-        rates, cells = np.zeros((count, self.prior.size)), self._cell(part.place)
+        rates, cells = np.zeros((count, self.prior.size)), self.cell_of(part.place)
         np.add.at(rates, (np.arange(count)[:, None], cells), part.rate)
         return rates.reshape(count, *self.cells), np.exp(part.log_shape)
 
     # ------------------------------------------------------------ densities
 
-    def _cell(self, place: np.ndarray) -> np.ndarray:
+    def cell_of(self, place: np.ndarray) -> np.ndarray:
         """Return the number of the cell of each point (..., 2) [m]; that of the nearest cell beyond the edges."""
         at = np.clip(((place - self.low) / self.cell).astype(int), 0, np.array(self.cells) - 1)
         return at[..., 0] * self.cells[1] + at[..., 1]
@@ -253,7 +255,7 @@ class SourcePosterior:
     def _log_prior(self, of: Particles) -> np.ndarray:
         """Return the log prior density of particles up to a constant, (n,)."""
         with np.errstate(divide="ignore"):
-            each = np.log(self.prior)[self._cell(of.place)] + self.rates.log_density(of.log_rate)
+            each = np.log(self.prior)[self.cell_of(of.place)] + self.rates.log_density(of.log_rate)
         beyond = ((of.place < self.low) | (of.place >= self.low + self.cell * np.array(self.cells))).any(
             axis=-1
         )
@@ -263,7 +265,7 @@ class SourcePosterior:
 
     def _terms(self, of: Particles) -> np.ndarray:
         """Return the log likelihood of each measurement by each particle, (n, measurements)."""
-        mean = (self.response.T[self._cell(of.place)] * of.rate[..., None]).sum(axis=1) + self.floor
+        mean = (self.response.T[self.cell_of(of.place)] * of.rate[..., None]).sum(axis=1) + self.floor
         shape = np.exp(of.log_shape)[:, None]
         if self.threshold is None:
             return log_likelihood(self.reading + self.floor, mean, shape)

@@ -88,7 +88,7 @@ class Spiral(KernelAlgorithm):
         between = ticks_between(model, self.tick)
         return {
             **Legs.numbers(group, model.speed),
-            **Recording.numbers(model, self.tick, least=3),
+            **Recording.numbers(group, self.tick, least=3),
             "window": max(1, round(model.peak_window / (between * self.tick))),  # samples
             "minimum": model.minimum_ppm,
             "lowered": model.minimum_ppm - model.delta * model.minimum_ppm,  # ppm

@@ -17,6 +17,7 @@ from taichi_plume.agents.flight import FREE, Flying
 from taichi_plume.agents.groups import GroupRange, ranges
 from taichi_plume.agents.odometry import Odometry, Reckoning
 from taichi_plume.agents.referee import Referee
+from taichi_plume.agents.room import Room
 from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.trials import OwnClocks, Trials
 from taichi_plume.engine import ti
@@ -49,7 +50,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
     felt as the disc around its footprint. A walker that runs into a robot pushes the robot aside, or pins the robot if
     walls and other bodies leave no way out. Robots placed from outside are not pushed. rivals: whether groups neither
     sense nor touch each other. episodes: trials of the only group that each restart on their own. background: whether
-    clean air has a background of gas, which `measured` holds and `reading` does not.
+    clean air has a background of gas, which `measured` holds and `reading` does not. room: for models of dispersion.
 
     Algorithms read `reading` [ppm] above that in clean air, `wind` [m/s], `wind_known`, `blocked` (the bumper) and the
     believed pose, `believed_position` [m], `believed_heading` [rad] and `odometer` [m]. They write `speed_command`
@@ -69,8 +70,9 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         rivals: bool = False,
         episodes: Trials | None = None,
         background: bool = False,
+        room: Room | None = None,
     ):
-        self.clearance = clearance
+        self.clearance, self.room = clearance, room
         self.episodes = episodes
         self.apart = episodes is not None  # whether each trial restarts on its own
         self.groups: list[GroupRange] = ranges(groups, rivals)
@@ -153,7 +155,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
             if self.sees:
                 self.camera.frames[:, 0] = np.column_stack([self.start, headings])
         never = (self.found_time, self.reached_time, self.declared_position, self.declared_time)
-        for field in (*never, self.ordered_position, self.resistance, *self._further):
+        for field in (*never, self.declared_rate, self.ordered_position, self.resistance, *self._further):
             field.fill(np.nan)
         self._walk(0.0)
 
@@ -282,6 +284,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         never = ti.Vector([ti.math.nan, ti.math.nan])
         self.position[i], self.heading[i] = place, heading
         self.declared_position[i] = never
+        self.declared_rate[i] = ti.Vector([ti.math.nan, ti.math.nan, ti.math.nan])
         self.found_time[i], self.reached_time[i] = never[0], never[0]
         self.declared_time[i], self.resistance[i] = never[0], never[0]
         for field in ti.static(self._further):

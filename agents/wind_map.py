@@ -41,7 +41,13 @@ class WindField:
     """
 
     def __init__(
-        self, joined: Links, free: np.ndarray, edges: list[np.ndarray], prior: float, mass: float, observation: float
+        self,
+        joined: Links,
+        free: np.ndarray,
+        edges: list[np.ndarray],
+        prior: float,
+        mass: float,
+        observation: float,
     ):
         self.shape, self.observation = free.shape, observation
         self.turned = free.shape[1] > free.shape[0]  # blocks are as large as a column
@@ -51,7 +57,10 @@ class WindField:
         self.block = 2 * ny + 1
         column = np.arange(nx + 1)[:, None] * self.block
         u, v = column + np.arange(ny), column[:-1] + ny + np.arange(ny + 1)
-        self.u, self.v = (u[:-1], u[1:]), (v[:, :-1], v[:, 1:])  # numbers of the lower and upper faces of the cells
+        self.u, self.v = (
+            (u[:-1], u[1:]),
+            (v[:, :-1], v[:, 1:]),
+        )  # numbers of the lower and upper faces of the cells
         self.free = free
         self.is_open = np.zeros((nx + 1) * self.block, bool)
         self.is_open[u[1:-1][joined[0]]] = True
@@ -211,7 +220,9 @@ def solve_columns(matrix: csr_array, g: np.ndarray, block: int) -> tuple[np.ndar
     return x.ravel(), P, beyond
 
 
-def _rows(columns: np.ndarray, values: tuple[float, ...], size: int, weight: np.ndarray | float = 1.0) -> csr_array:
+def _rows(
+    columns: np.ndarray, values: tuple[float, ...], size: int, weight: np.ndarray | float = 1.0
+) -> csr_array:
     """Return a sparse matrix with a row for each column of `columns` (k, rows), and `values` (k,) times weight."""
     k, rows = columns.shape
     row = np.broadcast_to(np.arange(rows), (k, rows))

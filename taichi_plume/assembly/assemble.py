@@ -15,6 +15,7 @@ from taichi_plume.agents.line_sensors import Surroundings
 from taichi_plume.agents.mapping import mappers
 from taichi_plume.agents.placement import Placed, place, placed
 from taichi_plume.agents.received_readings import ReceivedReadings
+from taichi_plume.agents.room import Room
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import teams
@@ -42,6 +43,7 @@ from taichi_plume.scenario.gases import PureGas
 from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.scenario import Scenario
+from taichi_plume.scenario.species import Species
 from taichi_plume.solvers.bodies import MovingObstacle, Wake
 from taichi_plume.solvers.downwash import Downwash
 from taichi_plume.solvers.flow import FlowSolver
@@ -109,6 +111,7 @@ def build(
         walkers,
         scenario.rivals,
         background=any(scenario.backgrounds.values()),
+        room=Room(scenario.domain.extent, scenario.domain.depth, scenario.passes_edge, _sought(scenario)),
     )
     weights = _weights(scenario)
     scalars = {path: Scalar(grid, takes_space=True) for path in weights}
@@ -133,7 +136,12 @@ def build(
         raise ScenarioError([str(error)]) from None
     extent, most = (grid.extent[0], grid.extent[1]), swarm.members.shape[1]
     mapped = Floor(
-        extent, max(1, swarm.trials), most, scenario.tick, clearance.obstacle_distance_at, scenario.passes_edge
+        extent,
+        max(1, swarm.trials),
+        most,
+        scenario.tick,
+        clearance.obstacle_distance_at,
+        scenario.passes_edge,
     )
     maps = mappers(scenario.maps, mapped)
     makers = {gas_map.robot for gas_map in scenario.maps if gas_map.robot is not None}
@@ -290,6 +298,11 @@ def _drivers(
 def _places(scenario: Scenario) -> np.ndarray:
     """Return the positions of the gas sources, (m, 3) [m]; in 2-D z is 0."""
     return np.reshape([(*source.position, 0.0)[:3] for _, source in scenario.sources], (-1, 3))
+
+
+def _sought(scenario: Scenario) -> Species | None:
+    """Return the species of the first gas that has sources; None without one."""
+    return next((gas.vapour for _, gas in scenario.gases if gas.sources), None)
 
 
 def _start_generator(seed: int, group: int, trial: int) -> np.random.Generator:

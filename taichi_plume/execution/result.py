@@ -224,7 +224,13 @@ def _over_time(series: MapSeries, k: int) -> Json:
     rows = series.parts[k]
     means = {name: [_known(value) for value in series.means(name)[:, k]] for name in series.names}
     last = {name: values[rows].tolist() for name, values in zip(series.names, series.last, strict=True)}
-    return {f"mean_{series.quantity}": {"time_s": series.time, **means, "per_trial_at_end": last if series.time else {}}}
+    return {
+        f"mean_{series.quantity}": {
+            "time_s": series.time,
+            **means,
+            "per_trial_at_end": last if series.time else {},
+        }
+    }
 
 
 def _mean(values: np.ndarray) -> float | None:

@@ -269,7 +269,9 @@ def _map_line(gas_map: Json) -> str:
     known = f"over {100 * gas_map['known_fraction']:.0f} % of the cells"
     if "error_m_s" in gas_map:
         series = gas_map.get("mean_wind", {})
-        error, angle = ((series.get(name) or [gas_map[name]])[-1] for name in ("error_m_s", "direction_error_deg"))
+        error, angle = (
+            (series.get(name) or [gas_map[name]])[-1] for name in ("error_m_s", "direction_error_deg")
+        )
         if error is None:
             return "no cell is known"
         turned = "" if angle is None else f", {angle:.0f}° off"

@@ -189,7 +189,9 @@ def map_of(
     if fault:
         raise ReadingsError(fault)
     if model.measures == "wind":
-        raise ReadingsError(f"--map.kind: {model.kind} is a map of the wind, made by runs alone; use a map of the gas")
+        raise ReadingsError(
+            f"--map.kind: {model.kind} is a map of the wind, made by runs alone; use a map of the gas"
+        )
     if model.robot is not None:
         raise ReadingsError("--map.robot: a log does not tell what a robot has received; leave it out")
     if vars(model).get("samples") == "newest" and readings.robot is None:

@@ -6,7 +6,13 @@ from pydantic import Field
 
 from taichi_plume.quantities import number
 from taichi_plume.scenario import si
-from taichi_plume.scenario.belief_algorithms import HitMap, Infotaxis, ParticleFilter, SpaceAwareInfotaxis
+from taichi_plume.scenario.belief_algorithms import (
+    HitMap,
+    Infotaxis,
+    ParticleFilter,
+    SourceTerm,
+    SpaceAwareInfotaxis,
+)
 from taichi_plume.scenario.external import External, Replay
 from taichi_plume.scenario.own_code import OwnCode
 from taichi_plume.scenario.plume_tracking import Casting, Casting3D, SurgeCast, SurgeSpiral
@@ -49,6 +55,7 @@ Algorithm = Annotated[
     | Infotaxis
     | ParticleFilter
     | HitMap
+    | SourceTerm
     | SpaceAwareInfotaxis
     | Dapso
     | LineUp

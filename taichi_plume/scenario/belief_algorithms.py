@@ -1,4 +1,6 @@
-"""Search algorithms with a belief (posterior probability) of the source: infotaxis, particle filter, hit map."""
+"""Search algorithms with a belief (posterior probability) of the source: infotaxis, particle filter, hit map, and the
+estimate of source terms.
+"""
 
 from collections.abc import Iterator
 from math import ceil, sqrt
@@ -10,7 +12,7 @@ from taichi_plume.quantities import ill_sized, number
 from taichi_plume.scenario import si
 from taichi_plume.scenario.plume_tracking import Casting
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm, Listening
-from taichi_plume.scenario.vocabulary import consistency_check
+from taichi_plume.scenario.vocabulary import Model, consistency_check
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.domain import Arena
@@ -214,3 +216,94 @@ class HitMap(Listening, Declares):
     def _hit_above_false_alarm(self) -> Iterator[str]:
         if self.hit <= self.false_alarm:
             yield f"hit = {self.hit:g} must be above false_alarm = {self.false_alarm:g}"
+
+
+class UniformRate(Model):
+    """A strength of which only the order is known: log-uniform between two limits."""
+
+    low: Annotated[si.Rate, Field(gt=0)] = 1e-7
+    """Smallest possible rate of a source."""
+    high: Annotated[si.Rate, Field(gt=0)] = 1e-3
+    """Largest possible rate of a source."""
+
+    @consistency_check
+    def _has_width(self) -> Iterator[str]:
+        if self.low >= self.high:
+            yield f"low = {self.low:g} kg/s must be below high = {self.high:g} kg/s"
+
+
+class NormalRate(Model):
+    """A strength that is known up to a factor: log-normal."""
+
+    median: Annotated[si.Rate, Field(gt=0)]
+    """Most likely rate of a source."""
+    factor: Annotated[float, Field(ge=1.01, le=1e6)] = 3.0
+    """Factor by which the rate is off: with 3, two of three rates lie between a third and thrice the median."""
+
+
+class SourceTerm(Listening, Declares):
+    """Infers place, strength and number of sources by a model of dispersion, and measures where it learns most.
+
+    See agents/source_term.py.
+    """
+
+    searches: ClassVar[bool] = True
+    estimates_rates: ClassVar[bool] = True
+    most_cells: ClassVar[int] = 20_000
+    most_road_cells: ClassVar[int] = 2_500  # the paths from each cell to each are kept
+    kind: Literal["source_term"]
+    acquisition: si.Wait = 5.0
+    lag: Literal["ignored", "deconvolved"] = "deconvolved"
+    likelihood: Literal["readings", "hits", "counts"] = "readings"
+    """What of an acquisition counts: its mean reading, whether that is above the threshold, or how many samples are."""
+    threshold_ppm: si.SomePpm = 1.0
+    """Reading above which there is gas for `hits` and `counts`. For `readings`, the floor: less tells no more."""
+    sources: Annotated[int, Field(ge=1, le=3)] = 1
+    """Largest number of sources. With more than one their number is inferred, too."""
+    rate: UniformRate | NormalRate = UniformRate()
+    """What is known of the strength of a source: limits `low` and `high`, or a `median` and its `factor`."""
+    source_height: si.Distance | None = None
+    """Height of the sources over the floor; 3-D only. Unless given, that of the gas sensor."""
+    cell: si.Length = 0.1
+    """Edge of the cells of the belief and of the model of dispersion. Smaller ones take longer."""
+    particles: Annotated[int, Field(ge=50, le=20_000)] = 500
+    """Number of samples of the posterior of each robot. More make it smoother, and take longer."""
+    diffusivity: Annotated[si.EddyDiffusivity, Field(ge=1e-6)] = 0.015
+    """Eddy diffusivity of the mean plume, in the model of the robot. More makes its plume wider."""
+    lifetime: si.Duration = 300.0
+    """Time for which gas stays in the room, in the model of the robot. In rooms without an outlet, about the time since
+    the release."""
+    correlation: si.Length = 0.4
+    """Distance over which errors of the model are alike: measurements closer together count less."""
+    range: si.Length = 2.0
+    """Longest distance to the next place to measure at."""
+    converged: si.Length = 0.3
+    """Spread of the belief, see declare_spread, at which the next place to measure at is the expected one of the
+    source."""
+    avoidance: si.Distance = 0.1
+    """Distance kept to walls and other robots."""
+    least_spread: ClassVar[float] = 0.0
+
+    @property
+    def road_cell(self) -> float:
+        """Edge of the cells between which the robot plans its way [m]."""
+        return max(2.0 * self.cell, 0.2)
+
+    def grid_error(self, where: str, floor: "Arena") -> str | None:
+        error = super().grid_error(where, floor)
+        roads = floor.size[0] * floor.size[1] / self.road_cell**2
+        if error is None and roads > self.most_road_cells:
+            error = (
+                f"{where}.algorithm.cell: {self.cell:g} m makes {roads:.0f} cells of {self.road_cell:g} m for the "
+                f"ways, at most {self.most_road_cells} are allowed; raise it"
+            )
+        return error
+
+    def bytes(self, group: "Group", floor: "Arena", tick: float) -> float:
+        """Return the memory [bytes] of the particles, of responses to measurements, and of the paths between cells."""
+        cells = floor.size[0] * floor.size[1] / self.cell**2
+        measurements = 100
+        each = 8.0 * self.particles * (3 * self.sources + 3 + measurements) + 8.0 * cells * measurements
+        return (
+            group.count * group.trials * each + 6.0 * (floor.size[0] * floor.size[1] / self.road_cell**2) ** 2
+        )

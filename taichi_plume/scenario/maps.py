@@ -266,4 +266,6 @@ class WindMap(FieldMap):
         return 8.0 * super().bytes(size, readings)
 
 
-Map = Annotated[TimeSeriesMap | InverseDistanceMap | KernelMap | MarkovMap | WindMap, Field(discriminator="kind")]
+Map = Annotated[
+    TimeSeriesMap | InverseDistanceMap | KernelMap | MarkovMap | WindMap, Field(discriminator="kind")
+]

@@ -23,6 +23,8 @@ class AnyAlgorithm(Model):
     """Whether robots do nothing but look for a source."""
     believes: ClassVar[bool] = False
     """Whether robots keep a posterior of the source's position."""
+    estimates_rates: ClassVar[bool] = False
+    """Whether robots estimate the strengths of the sources."""
     in_space: ClassVar[bool] = False
     """Whether robots have to fly."""
     outside: ClassVar[bool] = False
@@ -66,6 +68,9 @@ class Listening(AnyAlgorithm):
     """Time between the samples of an acquisition."""
     settle: si.Pause = 1.0
     """Time of standing still before the samples, for a slow sensor to catch up."""
+    lag: Literal["ignored", "deconvolved"] = "ignored"
+    """Whether the mean of an acquisition is that of the readings, or of the gas that the lagging sensor met. The second
+    adds the change of the readings, times the sensor's time constant over the time of the samples."""
 
 
 class Spiral(Listening):
