@@ -22,19 +22,18 @@ MEAN = Decision("mean_ppm", "ppm", "mean reading of the last acquisition", "acqu
 class Acquisition:
     """Series of gas samples that robots take while standing still; read `mean` once an acquisition is complete.
 
-    parameters: must include the entries of `Acquisition.numbers`. With the key `lag: deconvolved` the mean is that of
-    the gas at the sensor, not of its lagging readings y: the mean over the samples of y + T dy/dt, that is
-    mean(y) + T (y_last - y_first) / duration, T the time constant of the sensor's rise or decay.
+    parameters: must include the entries of `Acquisition.numbers`. With the key `lag: deconvolved` the samples are the gas
+    at the sensor, not its lagging readings: by first-order lag the signal of the gas is y + T dy/dt, y the signal, which
+    for metal oxides is the logarithm of the resistance, and T the time constant of its rise or decay.
     """
 
-    STATE: tuple[str, ...] = ("since", "total", "last", "first", "end")
+    STATE: tuple[str, ...] = ("since", "total", "last", "before")
 
     def __init__(self, members: Members, parameters: Parameters):
         self.swarm, self.robot, self.p = members.swarm, members.robot, parameters
         self.since = ti.field(ti.i32, members.size)  # ticks since standing still
         self.total = ti.field(ti.f32, members.size)  # sum of the samples so far [ppm]
-        self.first = ti.field(ti.f32, members.size)  # reading as the samples begin [ppm]
-        self.end = ti.field(ti.f32, members.size)  # last sample [ppm]
+        self.before = ti.field(ti.f32, members.size)  # reading of the sample before, or as the samples begin [ppm]
         self.last = ti.filled(np.full(members.size, np.nan), ti.f32)  # mean of the last acquisition [ppm]
 
     @staticmethod
@@ -43,11 +42,12 @@ class Acquisition:
         model: Listening = group.model.algorithm
         between = ticks_between(model, tick)
         samples = max(least, round(model.acquisition / (between * tick)))
-        signal, duration = group.model.sensors.noses[0].signal, samples * between * tick
-        counts = model.lag == "deconvolved"
+        nose = group.model.sensors.noses[0]
+        known = model.lag == "deconvolved"
         return {
-            "rise_gain": counts * signal.rise / duration,
-            "decay_gain": counts * signal.decay / duration,
+            "rise_gain": known * nose.signal.rise / (between * tick),
+            "decay_gain": known * nose.signal.decay / (between * tick),
+            "bend": nose.bends_at,  # ppm
             "settle": max(0, round(model.settle / tick)),  # ticks
             "between": between,
             "samples": samples,
@@ -61,12 +61,12 @@ class Acquisition:
         if self.since[n] == 0:
             self.total[n] = 0.0
         if self.since[n] == self.p.settle[n]:
-            self.first[n] = self.swarm.reading[i]
+            self.before[n] = self.swarm.reading[i]
         self.since[n] += 1
         listened = self.since[n] - self.p.settle[n]
         if listened > 0 and listened % self.p.between[n] == 0:
-            self.end[n] = self.swarm.reading[i]
-            self._hear(n, listened // self.p.between[n] - 1, self.swarm.reading[i])
+            self._hear(n, listened // self.p.between[n] - 1, self._gas(n, self.swarm.reading[i]))
+            self.before[n] = self.swarm.reading[i]
         over = listened >= self.p.samples[n] * self.p.between[n]
         if over:
             self.since[n] = 0
@@ -82,11 +82,22 @@ class Acquisition:
     @ti.func
     def mean(self, n):
         """Return the mean of the samples of robot n's last acquisition [ppm]."""
-        mean, change = self.total[n] * self.p.share[n], self.end[n] - self.first[n]
-        gain = ti.select(change > 0.0, self.p.rise_gain[n], self.p.decay_gain[n])
+        return self.total[n] * self.p.share[n]
+
+    @ti.func
+    def _gas(self, n, reading):
+        """Return the gas [ppm] at the sensor of robot n whose reading [ppm] this is, or the reading itself."""
+        gas, before = reading, self.before[n]
+        gain = ti.select(reading > before, self.p.rise_gain[n], self.p.decay_gain[n])
         if gain > 0.0:
-            mean = ti.max(mean + gain * change, 0.0)
-        return mean
+            scale = self.p.bend[n]
+            if scale > 0.0:
+                y = ti.log(1.0 + reading / scale)
+                gas = scale * (ti.exp(y + gain * (y - ti.log(1.0 + before / scale))) - 1.0)
+            else:
+                gas = reading + gain * (reading - before)
+            gas = ti.max(gas, 0.0)
+        return gas
 
 
 class Recording(Acquisition):

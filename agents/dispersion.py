@@ -21,6 +21,7 @@ closed edges stay without flow. Open edges are those that the wind crosses, unle
 """
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from functools import cached_property
 
 import numpy as np
@@ -78,6 +79,14 @@ class Dispersion:
         edge, outflow, self.outward = self._edges(wind, open_edges)
         self.edges = edge, outflow
         self._make_consistent()
+
+    def with_diffusivity(self, diffusivity: float) -> "Dispersion":
+        """Return the dispersion on the same mass-consistent wind with another eddy diffusivity [m²/s]."""
+        other = copy(self)
+        other.diffusivity = float(diffusivity)
+        for name in ("matrix", "_solve"):
+            vars(other).pop(name, None)
+        return other
 
     def concentration(self, rates: np.ndarray) -> np.ndarray:
         """Return the concentration [kg/m³] of sources with these rates in the cells [kg/s], both (..., *shape).

@@ -99,15 +99,15 @@ def exceedance(threshold: float, mean: np.ndarray, shape: np.ndarray) -> np.ndar
 
 
 class Particles(NamedTuple):
-    """Particles: number of sources (n,), their places (n, most, 2) [m], log rates (n, most) and log shapes ln s (n,).
-
-    Rows of sources from `number` on have no meaning.
+    """Particles: number of sources (n,), their places (n, most, 2) [m], log rates (n, most), log shapes ln s (n,), and
+    the index of the model of dispersion (n,). Rows of sources from `number` on have no meaning.
     """
 
     number: np.ndarray
     place: np.ndarray
     log_rate: np.ndarray
     log_shape: np.ndarray
+    model: np.ndarray
 
     @property
     def exists(self) -> np.ndarray:
@@ -153,15 +153,14 @@ class SourcePosterior:
         floor: float = 1.0,
         threshold: float | None = None,
         correlation: float = 0.5,
+        models: int = 1,
     ):
         self.cells, self.low, self.cell = prior.shape, np.asarray(low, float), cell
         self.rates, self.rng, self.size, self.most = rates, rng, particles, most
         self.floor, self.threshold, self.correlation = floor, threshold, correlation
         self.prior = prior.ravel() / prior.sum()
-        self.response = np.zeros(
-            (0, prior.size)
-        )  # of each measurement to a unit rate in each cell [ppm/(kg/s)]
-        self.at, self.reading, self.samples = np.zeros((0, 2)), np.zeros(0), np.zeros(0)
+        self.response, self.samples = np.zeros((models, 0, prior.size)), 1
+        self.at, self.reading = np.zeros((0, 2)), np.zeros(0)
         self.used = np.zeros(0)  # weights of the measurements in `likelihood`
         self.particles = self._drawn(particles)
         self.likelihood = np.zeros(particles)
@@ -172,10 +171,11 @@ class SourcePosterior:
         """Update the posterior to all measurements up to now, the earlier ones in the same order.
 
         at: points (k, 2) [m]; reading: mean readings (k,) [ppm], or counts of so many `samples` above the threshold;
-        response: of each measurement to a source of unit rate in each cell, (k, nx, ny) [ppm/(kg/s)].
+        response: by each model, of each measurement to a source of unit rate in each cell, (models, k, nx, ny)
+        [ppm/(kg/s)].
         """
         self.at, self.reading = np.asarray(at, float), np.asarray(reading, float)
-        self.response, self.samples = response.reshape(len(response), -1), samples
+        self.response, self.samples = response.reshape(*response.shape[:2], -1), samples
         self.update()
 
     def rule_out(self, cells: np.ndarray) -> None:
@@ -238,12 +238,12 @@ class SourcePosterior:
             for k, n in enumerate(surest)
         ]
 
-    def draw(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rates in cells of some of the particles, (count, nx, ny) [kg/s], and their shapes s (count,)."""
+    def draw(self, count: int) -> tuple[np.ndarray, Particles]:
+        """Return the rates in cells of some of the particles, (count, nx, ny) [kg/s], and these particles."""
         part = self.particles.take(np.linspace(0, self.size - 1, count).astype(int))
         rates, cells = np.zeros((count, self.prior.size)), self.cell_of(part.place)
         np.add.at(rates, (np.arange(count)[:, None], cells), part.rate)
-        return rates.reshape(count, *self.cells), np.exp(part.log_shape)
+        return rates.reshape(count, *self.cells), part
 
     # ------------------------------------------------------------ densities
 
@@ -265,7 +265,8 @@ class SourcePosterior:
 
     def _terms(self, of: Particles) -> np.ndarray:
         """Return the log likelihood of each measurement by each particle, (n, measurements)."""
-        mean = (self.response.T[self.cell_of(of.place)] * of.rate[..., None]).sum(axis=1) + self.floor
+        response = self.response[of.model[:, None], :, self.cell_of(of.place)]  # (n, most, measurements)
+        mean = (response * of.rate[..., None]).sum(axis=1) + self.floor
         shape = np.exp(of.log_shape)[:, None]
         if self.threshold is None:
             return log_likelihood(self.reading + self.floor, mean, shape)
@@ -281,7 +282,8 @@ class SourcePosterior:
         place = self.low + self.cell * (corner + self.rng.random((count, self.most, 2)))
         number = np.minimum(self.rng.geometric(1.0 - FEWER, count), self.most)
         shape = SHAPE_MEAN + SHAPE_SPREAD * self.rng.normal(size=count)
-        return Particles(number, place, self.rates.draw(self.rng, (count, self.most)), shape)
+        model = self.rng.integers(0, len(self.response), count)
+        return Particles(number, place, self.rates.draw(self.rng, (count, self.most)), shape, model)
 
     def _exponent(self, change: np.ndarray, most: float) -> float:
         """Return the largest exponent up to `most` that keeps enough of the particles effective."""
@@ -334,10 +336,14 @@ class SourcePosterior:
         return of._replace(place=place, log_rate=log_rate), np.zeros(n)
 
     def _rescaled(self, of: Particles) -> tuple[Particles, np.ndarray]:
-        """Propose other rates of all sources, by a common factor, and another shape."""
+        """Propose other rates of all sources, by a common factor, another shape, and another model of dispersion."""
         factor = self.rng.normal(size=(self.size, 1))
         log_shape = of.log_shape + STEP * self.rng.normal(size=self.size)
-        return of._replace(log_rate=of.log_rate + STEP * factor, log_shape=log_shape), np.zeros(self.size)
+        other = self.rng.integers(0, len(self.response), self.size)
+        model = np.where(self.rng.random(self.size) < 0.5, other, of.model)
+        return Particles(of.number, of.place, of.log_rate + STEP * factor, log_shape, model), np.zeros(
+            self.size
+        )
 
     def _born(self, of: Particles) -> tuple[Particles, np.ndarray]:
         """Propose one more source, drawn from the prior, or one less; the sources have no order."""
@@ -358,7 +364,7 @@ class SourcePosterior:
         which, end = (self.rng.random(n) * of.number).astype(int), of.number - 1
         place[row[dies], which[dies]] = of.place[row[dies], end[dies]]
         log_rate[row[dies], which[dies]] = of.log_rate[row[dies], end[dies]]
-        other = Particles(number, place, log_rate, of.log_shape)
+        other = of._replace(number=number, place=place, log_rate=log_rate)
         # the densities of the proposal and of the prior of the source that is born or dies cancel out
         prior = self._log_prior(other) - self._log_prior(of)
         ratio = np.where(birth, np.log(FEWER), -np.log(FEWER)) - np.nan_to_num(prior, neginf=0.0, posinf=0.0)

@@ -55,6 +55,7 @@ from taichi_plume.scenario.belief_algorithms import SourceTerm as Model
 
 ACQUIRE, MOVE = range(2)
 
+MODELS = 3  # diffusivities between the limits
 DRAWS = 24  # particles whose plumes are solved for the expected information
 WIND_CELL = 0.25  # m, least edge of the cells of the estimated wind
 SCALE = np.concatenate(
@@ -104,6 +105,7 @@ class SourceTerm(KernelAlgorithm):
         self.rate = np.full(
             (self.size, 3), np.nan, np.float32
         )  # median and interval of the surest source [kg/s]
+        self.diffusivities = np.geomspace(*model.diffusivity, MODELS)
         self.pause, self.speed = model.settle + model.acquisition, group.speed(model.speed)
         self.ends_at = Declaring.numbers(model, group)["ends_at"]
         self.samples = int(self.p.largest("samples")) if model.likelihood == "counts" else 1
@@ -137,6 +139,7 @@ class SourceTerm(KernelAlgorithm):
                 floor=model.threshold_ppm,
                 threshold=None if model.likelihood == "readings" else model.threshold_ppm,
                 correlation=model.correlation,
+                models=MODELS,
             )
             for n in range(self.size)
         ]
@@ -263,10 +266,10 @@ class SourceTerm(KernelAlgorithm):
             middle = centers(self.cells, self.belief_cell) + self.belief_low
             corner = np.abs(middle - place) + 0.5 * self.belief_cell
             posterior.rule_out((corner**2).sum(axis=-1) <= self.ends_at**2)
-        air = self._dispersion(measured)
-        weights = np.stack([self._sensor(air, at) for at in measured[:, :2]])
-        response = self.per_rate * self._layer(air.adjoint(weights), self.source_layer)
-        posterior.learn(measured[:, :2], measured[:, 4], response, self.samples)
+        air = self._dispersions(measured)
+        weights = np.stack([self._sensor(at) for at in measured[:, :2]])
+        response = np.stack([self._layer(model.adjoint(weights), self.source_layer) for model in air])
+        posterior.learn(measured[:, :2], measured[:, 4], self.per_rate * response, self.samples)
         estimates = posterior.estimates()
         best = estimates[0]
         self.rate[n] = best.rate, best.low, best.high
@@ -275,7 +278,7 @@ class SourceTerm(KernelAlgorithm):
         self.entropy[n] = -(p * np.log(np.where(p > 0.0, p, 1.0))).sum()
         return best.place, best.spread, self._goal(n, place, air, best)
 
-    def _goal(self, n: int, place: np.ndarray, air: Dispersion, best: Estimate) -> int:
+    def _goal(self, n: int, place: np.ndarray, air: list[Dispersion], best: Estimate) -> int:
         """Return the next cell of the roads to measure in; -1 if there is none."""
         free = self.roads.free.values > 0
         start = int(np.where(free, np.linalg.norm(self.road_places - place, axis=1), np.inf).argmin())
@@ -299,23 +302,25 @@ class SourceTerm(KernelAlgorithm):
         self.information[n] = gain.max()
         return int(candidates[gain.argmax()])
 
-    def _information(self, n: int, air: Dispersion, places: np.ndarray) -> np.ndarray:
+    def _information(self, n: int, air: list[Dispersion], places: np.ndarray) -> np.ndarray:
         """Return the expected information [nat] of a measurement at each of these points (k, 2) [m]."""
         posterior = self.posteriors[n]
-        rates, shape = posterior.draw(DRAWS)
-        volume = np.zeros((DRAWS, *air.shape))
+        rates, particles = posterior.draw(DRAWS)
+        volume = np.zeros((DRAWS, *self.solid.shape))
         self._layer(volume, self.source_layer)[...] = rates
-        ppm = self.per_rate * self._layer(air.concentration(volume), self.sensor_layer)
-        mean = np.log(ppm.reshape(DRAWS, -1)[:, posterior.cell_of(places)] + posterior.floor)
+        for k, model in enumerate(air):
+            volume[particles.model == k] = model.concentration(volume[particles.model == k])
+        ppm = self.per_rate * self._layer(volume, self.sensor_layer).reshape(DRAWS, -1)
+        mean = np.log(ppm[:, posterior.cell_of(places)] + posterior.floor)
         apart = ((places[:, None] - posterior.at) ** 2).sum(axis=-1)
         weight = 1.0 / (1.0 + np.exp(-apart / posterior.correlation**2).sum(axis=1))
-        noise = polygamma(1, np.median(shape)) + polygamma(1, MODEL_SHAPE)
+        noise = polygamma(1, np.exp(np.median(particles.log_shape))) + polygamma(1, MODEL_SHAPE)
         return 0.5 * np.log1p(weight * mean.var(axis=0) / noise)
 
     # ------------------------------------------------------------ dispersion
 
-    def _dispersion(self, measured: np.ndarray) -> Dispersion:
-        """Return the dispersion on the wind that the measurements (k, 5) let expect."""
+    def _dispersions(self, measured: np.ndarray) -> list[Dispersion]:
+        """Return the models of dispersion on the wind that the measurements (k, 5) let expect, by diffusivity."""
         model: Model = self.model
         low, size = self.belief_low, self.belief_cell * np.array(self.cells)
         parts = np.maximum(1, np.round(size / max(WIND_CELL, model.cell))).astype(int)
@@ -335,15 +340,16 @@ class SourceTerm(KernelAlgorithm):
         if layers:  # the same at all heights
             flat = np.concatenate([wind, np.zeros((*self.cells, 1))], axis=-1)
             wind = np.broadcast_to(flat[:, :, None], (*self.solid.shape, 3))
-        return Dispersion(
+        first = Dispersion(
             wind,
             model.cell,
             self.solid,
-            diffusivity=model.diffusivity,
+            diffusivity=self.diffusivities[0],
             lifetime=model.lifetime,
             depth=self.room.depth,
             open_edges=self.edges,
         )
+        return [first.with_diffusivity(value) for value in self.diffusivities]
 
     def _passes_edge(self, axis: int, side: int, along: np.ndarray, width: float) -> np.ndarray:
         """Return whether air passes the edge of the floor, see `Floor`; edges within the room are open."""
@@ -383,9 +389,9 @@ class SourceTerm(KernelAlgorithm):
         """Return the values (..., nx, ny) in a layer of cells."""
         return values[..., layer] if self.solid.ndim == 3 else values
 
-    def _sensor(self, air: Dispersion, place: np.ndarray) -> np.ndarray:
+    def _sensor(self, place: np.ndarray) -> np.ndarray:
         """Return the weights of the cells in a reading at a point (2,) [m]."""
-        weights = np.zeros(air.shape)
+        weights = np.zeros(self.solid.shape)
         inside = np.clip(place - self.belief_low, 0.0, self.belief_cell * np.array(self.cells))
         self._layer(weights, self.sensor_layer)[...] = self.flat.at(inside)
         return weights

@@ -218,6 +218,9 @@ class HitMap(Listening, Declares):
             yield f"hit = {self.hit:g} must be above false_alarm = {self.false_alarm:g}"
 
 
+SomeDiffusivity = Annotated[si.EddyDiffusivity, Field(ge=1e-6)]
+
+
 class UniformRate(Model):
     """A strength of which only the order is known: log-uniform between two limits."""
 
@@ -268,8 +271,8 @@ class SourceTerm(Listening, Declares):
     """Edge of the cells of the belief and of the model of dispersion. Smaller ones take longer."""
     particles: Annotated[int, Field(ge=50, le=20_000)] = 500
     """Number of samples of the posterior of each robot. More make it smoother, and take longer."""
-    diffusivity: Annotated[si.EddyDiffusivity, Field(ge=1e-6)] = 0.015
-    """Eddy diffusivity of the mean plume, in the model of the robot. More makes its plume wider."""
+    diffusivity: tuple[SomeDiffusivity, SomeDiffusivity] = (0.005, 0.05)
+    """Limits of the eddy diffusivity of the mean plume, in the model of the robot. More makes its plume wider."""
     lifetime: si.Duration = 300.0
     """Time for which gas stays in the room, in the model of the robot. In rooms without an outlet, about the time since
     the release."""

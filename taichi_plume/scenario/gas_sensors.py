@@ -75,6 +75,11 @@ class GasSensor(Model):
         """Return the steady reading [ppm] in air with this concentration [ppm] of a single species."""
         return self.weight(species) * ppm
 
+    @property
+    def bends_at(self) -> float:
+        """Reading c0 [ppm] of a signal that is linear in ln(1 + reading / c0); 0 if it is linear in the reading."""
+        return 0.0
+
     def _lags(self, rise: float, decay: float) -> tuple[float, float]:
         """Return the time constants of rise and decay [s]; the arguments are used where the scenario gives none."""
         return (

@@ -233,6 +233,10 @@ class MoxSensor(GasSensor):
         return read[0] * ((1.0 + ppm / felt[0]) ** (felt[1] / read[1]) - 1.0)
 
     @property
+    def bends_at(self) -> float:
+        return self.reading_curve[0]
+
+    @property
     def reading_curve(self) -> tuple[float, float]:
         """c0 [ppm] and b of the response to the gas for which the sensor is calibrated."""
         model = MOX_MODELS[self.model]
