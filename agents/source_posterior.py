@@ -4,7 +4,7 @@ Each particle has n sources of places x_j and rates q_j. With the response a_k o
 `dispersion`) its mean reading would be m_k = Σ_j q_j a_k(x_j) + floor. The likelihood of a reading d_k (floor
 included) is that of
 
-    d = m G/s / (H / (m0 - 1)),    G ~ Gamma(s),  H ~ Gamma(m0)
+    d = m (G / s) / (H / exp ψ(m0)),    G ~ Gamma(s),  H ~ Gamma(m0)
 
 whiffs in the measured time whose mean varies as a gamma variable of shape s (Yee & Chan 1997,
 doi:10.1016/S1352-2310(96)00229-X), about a mean that the model knows up to an inverse gamma variable of shape m0. The
@@ -12,7 +12,7 @@ ratio has a scaled F distribution of mean m: tails are power laws, so that neith
 it rules out a place. s is a parameter of each particle. A detection, or a count of k in n samples above a threshold,
 has the binomial law with the probability that d is above the threshold.
 
-Priors: places by a map of cells; rates log-uniform or log-normal; n = 1, 2, ... with halving probabilities. Errors of
+Priors: places by a map of cells; rates log-uniform or log-normal; each further source is a quarter as probable. Errors of
 the mean wind and of the diffusivity are common to measurements that lie close together: a measurement counts
 1 / Σ_i exp(-(d_i / correlation)²), i over all measurements, at distances d_i, itself included. This weight is ours, as
 are the law's combination and the choice of moves.
@@ -29,14 +29,15 @@ from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import betainc, betaln
+from scipy.special import betainc, betaln, digamma
 
 MODEL_SHAPE = 2.0  # m0: factors of about 2 between a model's mean and the true one
+MODEL_SCALE = float(np.exp(digamma(MODEL_SHAPE)))  # makes the geometric mean of the factors 1
 SHAPE_MEAN, SHAPE_SPREAD = 0.0, 0.7  # of ln s, normal
 SWEEPS = 2  # of Metropolis steps after a resampling
 STEP = 0.3  # cells, or of a logarithm: smallest random step
 LEAPS = 0.1  # chance that differential evolution adds a whole difference
-FEWER = 0.5  # prior probability of n + 1 sources over that of n
+FEWER = 0.25  # prior probability of n + 1 sources over that of n
 KEPT = 0.3  # least effective number of particles in a step, over their number
 LEAST_EXPONENT = 0.02  # smallest step of the exponent
 LEAST = 1e-6  # least probability of a count
@@ -82,7 +83,7 @@ class Estimate(NamedTuple):
 
 def log_likelihood(reading: np.ndarray, mean: np.ndarray, shape: np.ndarray) -> np.ndarray:
     """Return the log density of readings about model means, all with the floor [ppm]; shape: s. They broadcast."""
-    scale = (MODEL_SHAPE - 1.0) / shape
+    scale = MODEL_SCALE / shape
     x = reading / (mean * scale)
     return (
         (shape - 1.0) * np.log(x)
@@ -94,7 +95,7 @@ def log_likelihood(reading: np.ndarray, mean: np.ndarray, shape: np.ndarray) -> 
 
 def exceedance(threshold: float, mean: np.ndarray, shape: np.ndarray) -> np.ndarray:
     """Return the probability of a reading above the threshold, both with the floor [ppm]."""
-    x = threshold / mean * shape / (MODEL_SHAPE - 1.0)
+    x = threshold / mean * shape / MODEL_SCALE
     return 1.0 - betainc(shape, MODEL_SHAPE, x / (1.0 + x))
 
 
@@ -280,7 +281,8 @@ class SourcePosterior:
         cell = self.rng.choice(self.prior.size, (count, self.most), p=self.prior)
         corner = np.stack([cell // self.cells[1], cell % self.cells[1]], axis=-1)
         place = self.low + self.cell * (corner + self.rng.random((count, self.most, 2)))
-        number = np.minimum(self.rng.geometric(1.0 - FEWER, count), self.most)
+        chance = FEWER ** np.arange(self.most)
+        number = self.rng.choice(self.most, count, p=chance / chance.sum()) + 1
         shape = SHAPE_MEAN + SHAPE_SPREAD * self.rng.normal(size=count)
         model = self.rng.integers(0, len(self.response), count)
         return Particles(number, place, self.rates.draw(self.rng, (count, self.most)), shape, model)

@@ -55,12 +55,13 @@ from taichi_plume.scenario.belief_algorithms import SourceTerm as Model
 
 ACQUIRE, MOVE = range(2)
 
-MODELS = 3  # diffusivities between the limits
+MODELS = 4  # diffusivities between the limits
 DRAWS = 24  # particles whose plumes are solved for the expected information
 WIND_CELL = 0.25  # m, least edge of the cells of the estimated wind
 SCALE = np.concatenate(
     [[0.0], np.geomspace(1e-4, 1e6, 400)]
 )  # ppm, of which the steady readings are tabulated
+WIND_PRECISION = 1000.0  # s²/m², of the mean wind of an acquisition
 THICK = 0.3  # cells: walls nearer to the centre of a cell fill it
 
 
@@ -332,6 +333,7 @@ class SourceTerm(KernelAlgorithm):
             float(cell.min()),
             lambda points: self.clearance.obstacle_distance_at(points + low),
             self._passes_edge,
+            observation=WIND_PRECISION,
         )
         wind = np.where(np.isnan(wind), measured[:, 2:4].mean(axis=0), wind)
         at = (centers(self.cells, model.cell) / cell.min()).astype(int)

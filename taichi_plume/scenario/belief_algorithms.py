@@ -271,7 +271,7 @@ class SourceTerm(Listening, Declares):
     """Edge of the cells of the belief and of the model of dispersion. Smaller ones take longer."""
     particles: Annotated[int, Field(ge=50, le=20_000)] = 500
     """Number of samples of the posterior of each robot. More make it smoother, and take longer."""
-    diffusivity: tuple[SomeDiffusivity, SomeDiffusivity] = (0.005, 0.05)
+    diffusivity: tuple[SomeDiffusivity, SomeDiffusivity] = (0.002, 0.06)
     """Limits of the eddy diffusivity of the mean plume, in the model of the robot. More makes its plume wider."""
     lifetime: si.Duration = 300.0
     """Time for which gas stays in the room, in the model of the robot. In rooms without an outlet, about the time since
