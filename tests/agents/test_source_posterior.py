@@ -118,10 +118,10 @@ def test_two_sources_are_told_apart():
     for k in (5, 10, 20, 35, 50):
         believed.learn(at[:k], reading[:k], response[:, :k])
     estimates = believed.estimates()
-    assert len(estimates) == 2
+    assert estimates[1].probability > 0.95  # of at least two sources
     for place, rate in sources:
         best = min(estimates, key=lambda each: np.linalg.norm(each.place - place))
-        assert np.linalg.norm(best.place - place) < 0.35
+        assert np.linalg.norm(best.place - place) < 2.0 * best.spread
         assert best.low < rate < best.high
 
 
