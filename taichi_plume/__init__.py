@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from taichi_plume.agents.own_robots import Robots
     from taichi_plume.api.cite import cite
     from taichi_plume.api.contest import contest
+    from taichi_plume.api.dispersion import dispersion
     from taichi_plume.api.export import export
     from taichi_plume.api.maps import maps
     from taichi_plume.api.own import Own
@@ -94,6 +95,7 @@ __all__ = [
     "UnstableError",
     "cite",
     "contest",
+    "dispersion",
     "envs",
     "export",
     "load_scenario",
@@ -120,6 +122,7 @@ _MODULES = {
     "UnstableError": "time_loop",
     "cite": "api.cite",
     "contest": "api.contest",
+    "dispersion": "api.dispersion",
     "export": "api.export",
     "load_scenario": "assembly.preparation",
     "maps": "api.maps",

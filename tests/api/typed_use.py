@@ -48,6 +48,8 @@ def use() -> None:
     gas_map = tp.maps(run, {"kind": "gmrf", "cell": "20 cm"}, sources=[(1.0, 2.0)])
     print(gas_map.data, gas_map.scores["peak"], gas_map.estimate.max())
     gas_map.plot()
+    air = tp.dispersion(run, diffusivity=0.02)
+    print(air.adjoint(air.at((1.0, 2.0))), air.concentration(air.at((1.0, 1.0))).max())
     plume = tp.statistics(run, threshold="5 ppm", sensors=[{"kind": "pid"}])
     print(plume.points, plume.durations, plume.spectra, plume.maps, plume.notes)
     results = tp.study("studies/wind_speeds", workers=2)
