@@ -117,7 +117,9 @@ def literal(rows, now, extent, obstacle, edge, memory=None, window=1.0, p=10.0, 
 def test_mean_and_variance_solve_the_normal_equations(stock, extent, keys, obstacle, edge):
     wind_map = stock.map(WindMap, model(**keys), Floor(extent, TRIALS, COUNT, DT, obstacle, edge))
     rows = feed(wind_map, stock.robots(2, extent=extent), 16, DT)
-    keys = {name.removeprefix("lambda_")[: 1 if "lambda" in name else None]: value for name, value in keys.items()}
+    keys = {
+        name.removeprefix("lambda_")[: 1 if "lambda" in name else None]: value for name, value in keys.items()
+    }
     for trial in range(TRIALS):
         mean, variance = literal(rows[rows[:, 0] == trial], 8.0, extent, obstacle, edge, **keys)
         same(wind_map.estimate()[trial], mean, 1e-4)
