@@ -8,7 +8,7 @@ import rerun as rr
 from taichi_plume.grid.grid import centers
 from taichi_plume.observed.scales import Scale, rounded_up
 from taichi_plume.record import drawing, layout, legends, scene
-from taichi_plume.record.pictures import ARROW, ARROW_COLOR, KEY, SLOWEST, THIN
+from taichi_plume.record.pictures import ARROW, KEY, SLOWEST, THIN
 from taichi_plume.record.placement import Stage, picture_format
 from taichi_plume.record.stream import Stream
 from taichi_plume.scenario.palette import rgb, robot_color
@@ -17,6 +17,7 @@ from taichi_plume.scoring.maps import MapSeries
 from taichi_plume.scoring.trials import map_rows
 from taichi_plume.time_loop import TimeLoop
 
+BRIGHT = (225, 235, 250, 255)  # arrows of wind maps
 RAMP = np.arange(256) / 255
 
 
@@ -117,7 +118,7 @@ class WindMapArrows:
             fast = max(SLOWEST, float(np.quantile(speed, KEY)))
             if fast > self.top:
                 self.top = rounded_up(fast)
-                look = self.top, ARROW * series.cell, ARROW_COLOR, THIN * series.cell
+                look = self.top, ARROW * series.cell, BRIGHT, 1.5 * THIN * series.cell
                 for entity, archetype in legends.arrow_key(
                     legends.MAPS, f"{look[0]:g} m/s", *look[1:], self.stage
                 ):
@@ -140,7 +141,7 @@ class WindMapArrows:
             centers(wind.shape[:2], cell)[known], ((0, 0), (0, 1)), constant_values=self.stage.lift
         )
         return rr.Arrows3D(
-            origins=middle - vectors / 2, vectors=vectors, colors=ARROW_COLOR, radii=THIN * cell
+            origins=middle - vectors / 2, vectors=vectors, colors=BRIGHT, radii=1.5 * THIN * cell
         )
 
 
