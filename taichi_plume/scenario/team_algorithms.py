@@ -9,7 +9,7 @@ from pydantic import Field
 
 from taichi_plume.quantities import round_up
 from taichi_plume.scenario import si
-from taichi_plume.scenario.maps import MOST_CELLS, TimeSeriesMap
+from taichi_plume.scenario.maps import MOST_CELLS, KernelMap, MarkovMap, TimeSeriesMap
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm, Listening
 from taichi_plume.scenario.starts import GAP
 from taichi_plume.scenario.vocabulary import SHAPE, Model, consistency_check
@@ -203,15 +203,24 @@ class Sweep(Repelled):
 
 
 class LeastKnown(Repelled):
-    """Drive to the least known places of a map of the readings (Marjovi & Marques 2014). See agents/least_known.py."""
+    """Drive to where a measurement tells most about the team's gas map. See agents/least_known.py."""
 
     kind: Literal["least_known"]
     speed: si.Speed | None = None
     """Speed at which they drive; unless given, the body's largest."""
-    map: TimeSeriesMap = TimeSeriesMap(kind="time_series")
-    """Map of the team's readings whose weights count; a forgotten place is unknown again."""
+    map: Annotated[TimeSeriesMap | KernelMap | MarkovMap, Field(discriminator="kind")] = TimeSeriesMap(
+        kind="time_series"
+    )
+    """Map of the team's readings that decides where to measure next; a forgotten place is unknown again."""
+    criterion: Annotated[Literal["weight", "variance", "upper_bound", "information"], SHAPE] = "weight"
+    """Gain of a measurement. `weight`: least weight in the map; `variance`: of the map; `upper_bound`: mean + kappa
+    deviations; `information`: expected reduction of the variance summed over the map."""
+    kappa: si.Coefficient = 2.0
+    """Standard deviations above the mean in `upper_bound`: more explores, less goes to the gas."""
+    way_scale: si.Length = 1.0
+    """The gain counts over the length of the way plus this length: more drives farther for the largest gain."""
     share: si.SomeFraction = 0.1
-    """Share of all cells that count as the least known; the robot goes to the nearest of them."""
+    """With `weight`, share of all cells that count as the least known; the robot goes to the nearest of them."""
     apart: si.Length = 0.5
     """Least distance of a way point from the robot and from those of its team mates."""
 
@@ -219,6 +228,14 @@ class LeastKnown(Repelled):
     def _map_of_the_team(self) -> Iterator[str]:
         if self.map.robot is not None:
             yield "map.robot: the map is that of the team; remove it"
+        kinds = {
+            "variance": ("gmrf", "kernel_dmv"),
+            "upper_bound": ("gmrf", "kernel_dmv"),
+            "information": ("gmrf",),
+        }
+        if self.map.kind not in kinds.get(self.criterion, (self.map.kind,)):
+            allowed = " or ".join(kinds[self.criterion])
+            yield f"criterion: {self.criterion} needs a map of kind {allowed}, not {self.map.kind}"
 
     def grid_error(self, where: str, floor: "Arena") -> str | None:
         return self.map.grid_error(f"{where}.algorithm.map", floor.high)
