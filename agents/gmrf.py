@@ -29,7 +29,6 @@ from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.engine import ti
 from taichi_plume.grid.grid import centers
 from taichi_plume.grid.kernels import Template
-from taichi_plume.scenario import maps as models
 
 LOOKS = 16  # parts of the line between two centres; the ends of the parts are checked for obstacles
 
@@ -49,7 +48,7 @@ class MarkovField(GasMap):
     STATE = ("errors", "sums", "ended", "past", "_solved")
     SUMS: ClassVar[int] = 2
 
-    def __init__(self, model: models.MarkovMap | models.WindMap, floor: Floor):
+    def __init__(self, model: Any, floor: Floor):
         super().__init__(model.cell, floor)
         self.sums = tuple(ti.field(ti.f32, (floor.trials, *self.shape)) for _ in range(self.SUMS))
         free = floor.obstacle_distance(centers(self.shape, model.cell)) > 0

@@ -34,7 +34,6 @@ from scipy.sparse.csgraph import dijkstra
 from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.decisions import Decision, way_point
 from taichi_plume.agents.gas_map import Floor, GasMap
-from taichi_plume.agents.gmrf import MarkovMap
 from taichi_plume.agents.mapping import KINDS
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
@@ -157,9 +156,9 @@ class LeastKnown(KernelAlgorithm):
 
     def _information(self, trial: int, cells: np.ndarray) -> np.ndarray:
         """Return the reduction of the map's summed variance [ppm²] by a reading in each of some cells (k,)."""
-        assert isinstance(self.map, MarkovMap)
-        columns = self.map.covariance(trial, cells)
-        return (columns**2).sum(axis=0) / (columns[cells, np.arange(len(cells))] + self.map.noise)
+        field: Any = self.map
+        columns = field.covariance(trial, cells)
+        return (columns**2).sum(axis=0) / (columns[cells, np.arange(len(cells))] + field.noise)
 
     def _near(self, robot: Any, there: np.ndarray, place: np.ndarray, goal: np.ndarray) -> np.ndarray:
         """Return which of the cells `there` are too near to a robot at `place` [m] and to the way points to avoid."""

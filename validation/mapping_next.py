@@ -94,16 +94,16 @@ def surveyed(room: str, air: int) -> tuple[np.ndarray, dict[str, np.ndarray], di
     """Return times (n,) [s], and by way errors [ppm] and way per robot [m] over time in an air, (n, trials) each."""
     afresh()
     sim = assemble(scenario_of(scene(room, air)))
-    judge, errors, paths, times = MapScores(sim), [], [], []
+    scored, errors, paths, times = MapScores(sim), [], [], []
 
     def look(sim: TimeLoop) -> None:
         if sim.t >= 5.0:
             times.append(sim.t)
-            errors.append(judge.series[0].last[0].copy())
+            errors.append(scored.series[0].last[0].copy())
             length = sim.swarm.snapshot()["path_length"]
             paths.append([by_trial(group, length).mean(axis=1) for group in sim.swarm.groups])
 
-    sim.observers += [judge.observer(), Every(5.0, look)]
+    sim.observers += [scored.observer(), Every(5.0, look)]
     sim.run()
     rows = {group.name: slice(group.row, group.row + group.trials) for group in sim.swarm.groups}
     error, path = np.array(errors), np.array(paths)
@@ -138,7 +138,18 @@ def compared(trials: int, room: str) -> Results:
 EXPECTED = {
     f"{what}: {a} / {b}": Range(most=1.0) for what in ("over time", f"after {PATH:g} m") for a, b in BETTER
 }
-DISCUSSION = ""
+DISCUSSION = """Reproduced in part. Two trials in each of eight airs, ratios of mean errors over time with intervals
+of 95 %. Robots that go by variance have 0.71 (0.61 to 0.82) of the error of `least_known` in the partitioned room,
+and 0.99 (0.86 to 1.15) in the open one. The upper bound has 0.94 (0.88 to 0.99) of the error of lanes in the open
+room.
+
+Not reproduced: the upper bound in the partitioned room, 1.02 (0.84 to 1.22) of lanes and 1.11 (0.96 to 1.25) of
+`least_known`, after 12 m even 1.39 (1.18 to 1.58). It measures the plume in the first compartment again and again,
+which suits a search more than a map. The information in the open room has 1.08 (0.94 to 1.28) of the error of lanes,
+in the partitioned one 0.96 (0.75 to 1.18) of lanes and 1.04 (0.76 to 1.38) of `least_known`. It prefers cells in the
+middle of large free areas, as the readings on the way do not count, and comes late to the plume. Its error at the end
+is the least of all in the open room, 7.1 beside 7.5 ppm of lanes. No parameter was tuned after the first run.
+"""
 CASES = (
     Experiment(
         "measure_next",
@@ -146,7 +157,7 @@ CASES = (
         "claims of adaptive surveys, Gongora et al. 2023",
         tuple(Condition(room, partial(compared, room=room), expected=EXPECTED) for room in ROOMS),
         evidence="published",
-        trials=24,
+        trials=16,
         test_trials=0,
         discussion=DISCUSSION,
     ),

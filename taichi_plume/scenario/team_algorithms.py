@@ -2,14 +2,14 @@
 
 from collections.abc import Iterator, Sequence
 from math import ceil, sqrt
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
 
 import numpy as np
 from pydantic import Field
 
 from taichi_plume.quantities import round_up
 from taichi_plume.scenario import si
-from taichi_plume.scenario.maps import MOST_CELLS, KernelMap, MarkovMap, TimeSeriesMap
+from taichi_plume.scenario.maps import MOST_CELLS, TEAM_MAPS, TeamMap, TimeSeriesMap
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm, Listening
 from taichi_plume.scenario.starts import GAP
 from taichi_plume.scenario.vocabulary import SHAPE, Model, consistency_check
@@ -203,14 +203,12 @@ class Sweep(Repelled):
 
 
 class LeastKnown(Repelled):
-    """Drive to where a measurement tells most about the team's gas map. See agents/least_known.py."""
+    """Drive to where a measurement improves the team's gas map most. See agents/least_known.py."""
 
     kind: Literal["least_known"]
     speed: si.Speed | None = None
     """Speed at which they drive; unless given, the body's largest."""
-    map: Annotated[TimeSeriesMap | KernelMap | MarkovMap, Field(discriminator="kind")] = TimeSeriesMap(
-        kind="time_series"
-    )
+    map: TeamMap = TimeSeriesMap(kind="time_series")
     """Map of the team's readings that decides where to measure next; a forgotten place is unknown again."""
     criterion: Annotated[Literal["weight", "variance", "upper_bound", "information"], SHAPE] = "weight"
     """Gain of a measurement. `weight`: least weight in the map; `variance`: of the map; `upper_bound`: mean + kappa
@@ -228,14 +226,12 @@ class LeastKnown(Repelled):
     def _map_of_the_team(self) -> Iterator[str]:
         if self.map.robot is not None:
             yield "map.robot: the map is that of the team; remove it"
-        kinds = {
-            "variance": ("gmrf", "kernel_dmv"),
-            "upper_bound": ("gmrf", "kernel_dmv"),
-            "information": ("gmrf",),
-        }
-        if self.map.kind not in kinds.get(self.criterion, (self.map.kind,)):
-            allowed = " or ".join(kinds[self.criterion])
-            yield f"criterion: {self.criterion} needs a map of kind {allowed}, not {self.map.kind}"
+        if self.criterion not in ("weight", *self.map.gains):
+            able = [
+                kind.model_fields["kind"].annotation for kind in TEAM_MAPS if self.criterion in kind.gains
+            ]
+            kinds = " or ".join(kind for each in able for kind in get_args(each))
+            yield f"criterion: {self.criterion} needs a map of kind {kinds}, not {self.map.kind}"
 
     def grid_error(self, where: str, floor: "Arena") -> str | None:
         return self.map.grid_error(f"{where}.algorithm.map", floor.high)
