@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from readers import COUNT, EXTENT, TRIALS, Stock, centers, feed, same
+from saved import assert_goes_on
 
 from taichi_plume.agents.gas_map import Floor, nowhere
 from taichi_plume.agents.wind_map import TINY, WindMap, wind_field
@@ -172,3 +173,17 @@ def test_trials_are_separate_and_behind_a_wall_nothing_is_known(stock):
     before = wind_map.estimate()
     wind_map.update(robots, 2.0, DT)
     np.testing.assert_array_equal(wind_map.estimate(), before)
+
+
+def test_a_map_goes_on_from_a_saved_state(stock):
+    """Within a window and with readings that fade; in between the map takes in other winds."""
+    wind_map = stock.map(WindMap, model(memory=6.0, window=2.0), Floor(EXTENT, TRIALS, COUNT, DT))
+
+    def play(first, last):
+        robots = stock.robots(first)
+        for tick in range(3 * first + 1, 3 * last + 1):
+            robots.wander()
+            wind_map.update(robots, tick * DT, DT)
+        return wind_map.estimate(), wind_map.variance()
+
+    assert_goes_on(wind_map, play)
