@@ -43,7 +43,7 @@ class Floor:
 
     extent: size of the floor, from the origin on [m]; robots: largest number in a trial; tick: time between readings
     [s]; obstacle_distance: function from points (..., 2) [m] to distances [m] to the next obstacle, negative inside.
-    edge: function (axis, side, positions (n,) [m], cell [m]) that returns whether air passes an edge of the floor within
+    edge: function (axis, side, positions (n,) [m], cell [m]) that returns whether air passes an edge of the floor in
     cells at these positions along the edge, (n,); axis normal to the edge, side 0 or 1. None: air passes everywhere.
     """
 

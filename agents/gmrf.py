@@ -20,15 +20,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, diags_array
 from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
 
 from taichi_plume.agents.gas_map import Floor, GasMap, Readers, cell_of, counts, window_of, windows
 from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.engine import ti
 from taichi_plume.grid.grid import centers
 from taichi_plume.grid.kernels import Template
-from taichi_plume.scenario import maps as models
 
 LOOKS = 16  # parts of the line between two centres; the ends of the parts are checked for obstacles
 
@@ -48,7 +48,7 @@ class MarkovField(GasMap):
     STATE = ("errors", "sums", "ended", "past", "_solved")
     SUMS: ClassVar[int] = 2
 
-    def __init__(self, model: models.MarkovMap | models.WindMap, floor: Floor):
+    def __init__(self, model: Any, floor: Floor):
         super().__init__(model.cell, floor)
         self.sums = tuple(ti.field(ti.f32, (floor.trials, *self.shape)) for _ in range(self.SUMS))
         free = floor.obstacle_distance(centers(self.shape, model.cell)) > 0
@@ -153,6 +153,24 @@ class MarkovMap(MarkovField):
     def weight(self) -> np.ndarray:
         """Return the confidence of the map, 1 / variance [1/ppm²], (trials, nx, ny); 0 in unknown cells."""
         return np.nan_to_num(1.0 / self.variance(), nan=0.0)
+
+    def covariance(self, trial: int, cells: np.ndarray) -> np.ndarray:
+        """Return columns of the covariance H⁻¹ [ppm²] of a trial's map, (nx ny, k), for k known cells (indices)."""
+        count = self._information()[0]
+        known = self._known(count)[trial]
+        precision = self.model.lambda_observation * count[trial] + ~known
+        number = np.arange(known.size).reshape(known.shape)
+        along, across = self.links
+        i = np.concatenate([number[:-1][along], number[:, :-1][across]])
+        j = np.concatenate([number[1:][along], number[:, 1:][across]])
+        weight = np.full(2 * len(i), self.model.lambda_prior)
+        links = coo_array(
+            (weight, (np.append(i, j), np.append(j, i))), shape=(known.size, known.size)
+        ).tocsc()
+        H = diags_array(precision.ravel() + links.sum(axis=0)) - links
+        units = np.zeros((known.size, len(cells)))
+        units[cells, np.arange(len(cells))] = 1.0
+        return splu(H.tocsc()).solve(units) * known.ravel()[:, None]
 
     def _collect(self, swarm: Readers) -> None:
         _collect(swarm.members, swarm.team_size, swarm.believed_position, swarm.reading, self.extent, self.cell,

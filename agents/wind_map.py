@@ -128,7 +128,6 @@ class WindMap(MarkovField):
     """Map of the wind with mean [m/s] and variance [m²/s²] of both components, (trials, nx, ny, 2) each."""
 
     SUMS: ClassVar[int] = 3
-    model: models.WindMap
 
     def __init__(self, model: models.WindMap, floor: Floor):
         super().__init__(model, floor)

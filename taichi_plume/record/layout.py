@@ -38,6 +38,7 @@ MAP_NAMES = {
     "truth": "Truth: mean gas so far [ppm]",
 }
 """Pictures of a map and their titles."""
+WIND_MAP_NAMES = {"estimate": "Estimate [m/s]", "truth": "Truth: mean wind so far [m/s]"}
 MAP_TITLES = (
     "Error against the mean gas [ppm]", "Correlation with the mean gas", "Peak to source [m]",
     "NLPD of the next readings",
@@ -251,6 +252,9 @@ class Layout:
             if not any(isinstance(gas_map, Uncertain) for gas_map in self.sim.maps):
                 kinds.pop()
             is_short = len(self.sim.maps) <= MOST_LANES
+            measured = {gas_map.measures for gas_map in self.sim.scenario.maps}
+            kinds = kinds if "gas" in measured else []
+            kinds += [("wind_map_errors", "Error against the mean wind [m/s]")] if "wind" in measured else []
             scored = [_series(f"/{origin}", title, is_short) for origin, title in kinds]
             parts.append(rrb.Tabs(*scored, active_tab=0, name="Scores"))
             shares.append(0.18)
@@ -282,10 +286,16 @@ class Layout:
         maps = []
         for n, gas_map in enumerate(self.sim.scenario.maps):
             pictures = {}
-            for what, title in MAP_NAMES.items():
-                pictures[what] = self._map(title, f"/maps/{n}/{what}", what, panel)
+            is_wind = gas_map.measures == "wind"
+            for what, title in (WIND_MAP_NAMES if is_wind else MAP_NAMES).items():
+                legend = "wind/map" if is_wind else what
+                pictures[what] = self._map(title, f"/maps/{n}/{what}", legend, panel)
             truth = pictures.pop("truth")
-            name = f"{species.capitalize()} map: {gas_map.kind.replace('_', ' ')}"
+            name = (
+                gas_map.kind.replace("_", " ")
+                if is_wind
+                else f"{species.capitalize()} map: {gas_map.kind.replace('_', ' ')}"
+            )
             beside = rrb.Horizontal(rrb.Tabs(*pictures.values(), active_tab=0), rrb.Tabs(truth), name=name)
             maps.append(beside)
         return maps

@@ -16,7 +16,7 @@ from taichi_plume.observed import planes
 from taichi_plume.observed.observer import Observer
 from taichi_plume.observed.views import views
 from taichi_plume.record import layout, legends, scene, text_document
-from taichi_plume.record.map_pictures import BeliefPictures, MapPictures
+from taichi_plume.record.map_pictures import BeliefPictures, MapPictures, WindMapArrows
 from taichi_plume.record.pictures import Arrows, Pictures, recorded
 from taichi_plume.record.placement import Stage
 from taichi_plume.record.stream import Stream, mend
@@ -44,7 +44,7 @@ class Recorder:
     Raises OSError, from the constructor or an observer, as soon as the disk has too little room.
     """
 
-    STATE = ("t", "share", "schedule", "tracks", "maps", "arrows")
+    STATE = ("t", "share", "schedule", "tracks", "maps", "wind_maps", "arrows")
 
     def __init__(
         self,
@@ -95,6 +95,7 @@ class Recorder:
         self.arrows = Arrows(self.stream, stage, self.observer)
         self.observer.shown_by += [Pictures(self.stream, sim, stage, self.observer).show, self.arrows.show]
         self.maps = MapPictures(self.stream, sim, stage, scores.series)
+        self.wind_maps = WindMapArrows(self.stream, sim, stage, scores.series)
         self.beliefs = BeliefPictures(self.stream, sim, stage)
 
     def observers(self) -> list[Every]:
@@ -105,6 +106,7 @@ class Recorder:
             Every(SAMPLE_PERIOD, self.sample_obstacles, warm_up=True),
             *([self.own_scores.observer()] if self.own_scores else []),
             Every(1.0, self.maps.show),
+            Every(1.0, self.wind_maps.show),
             Every(1.0, self.beliefs.show),
             Every(max(BATCH, self.sim.scenario.duration / BATCHES) / self.shares, self.note, warm_up=True),
             Every(1.0, lambda _: self.stream.require_room(), warm_up=True),

@@ -35,8 +35,22 @@ MAPS = (
     "Left: estimate of the map at the end (of several trials the first), from readings alone. Right: the mean of the "
     "true gas since the robots started. Both have the same logarithmic scale; grey is unknown.{part}"
 )
+WIND_MAPS = (
+    "Left: estimate of the wind at the end (of several trials the first), from anemometers alone. Right: the mean "
+    "wind since the robots started. Colours are the speed; grey is unknown.{part}"
+)
+WIND_HEADS = (
+    "map", "cells known", "error against the mean wind [m/s]", "direction error against the mean wind [deg]",
+    "error against the wind at the end [m/s]",
+)  # fmt: skip
+WIND_SCORES = (
+    "Errors are means of the length of the difference over the known cells; direction errors are mean angles, weighted "
+    "by the true speed."
+)
 ERROR, CORRELATION = "error against the mean gas [ppm]", "correlation with the mean gas"
 """Scores of a gas map against the mean of the true gas since the start."""
+GAS_TITLES = {"error_ppm": ERROR, "correlation": CORRELATION}
+WIND_TITLES = {"error_m_s": WIND_HEADS[2], "direction_error_deg": WIND_HEADS[3]}
 MAP_HEADS = (
     "map", "cells known", ERROR, CORRELATION,
     "error against the gas at the end [ppm]", "correlation with the gas at the end",

@@ -129,13 +129,30 @@ def map_rows(maps: Sequence[dict[str, Any]]) -> Rows:
     """Return final gas map scores: name, fraction of cells known, and the scores that `captions.MAP_HEADS` names."""
     rows: Rows = []
     for name, part in map_parts(maps):
+        if "error_m_s" in part:
+            continue
         mean_gas = part.get("mean_gas", {})
         error, correlation = ((mean_gas.get(key) or [None])[-1] for key in ("error_ppm", "correlation"))
-        known = "–" if part.get("known_fraction") is None else f"{100 * part['known_fraction']:.0f} %"
+        known = _percent(part)
         of_mean = _number(error), _number(correlation, "{:.2f}")
         at_end = _number(part.get("mae_ppm")), _number(part.get("correlation"), "{:.2f}")
         rows.append((name, known, *of_mean, *at_end))
     return rows
+
+
+def wind_rows(maps: Sequence[dict[str, Any]]) -> Rows:
+    """Return final wind map scores: name, fraction of cells known, and what `captions.WIND_HEADS` names."""
+    rows: Rows = []
+    for name, part in map_parts(maps):
+        if "error_m_s" in part:
+            mean = part.get("mean_wind", {})
+            of_mean = ((mean.get(key) or [None])[-1] for key in ("error_m_s", "direction_error_deg"))
+            rows.append((name, _percent(part), *map(_number, of_mean), _number(part["error_m_s"])))
+    return rows
+
+
+def _percent(part: dict[str, Any]) -> str:
+    return "–" if part.get("known_fraction") is None else f"{100 * part['known_fraction']:.0f} %"
 
 
 def _number(value: float | None, form: str = "{:.3g}") -> str:

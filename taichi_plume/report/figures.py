@@ -1,6 +1,6 @@
 """Figures of a report: mean plume and tracks, sensor readings and behaviour, success over time, scores of maps."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 
 from taichi_plume.files.run_tables import title_of
 from taichi_plume.observed.scales import decades, logarithmic
-from taichi_plume.report import captions, plume, scene, theme
+from taichi_plume.report import plume, scene, theme
 from taichi_plume.results.run import Run
 from taichi_plume.results.tracks import ABOVE, Track
 
@@ -249,13 +249,16 @@ def success(groups: Sequence[dict[str, Any]], end: float) -> bytes:
 # ---------------------------------------------------------------- maps
 
 
-def scores(maps: Sequence[dict[str, Any]], names: Sequence[str]) -> bytes | None:
-    """Draw the maps' error and correlation over time; None if they were not scored over time."""
-    scored = [(name, result.get("mean_gas", {})) for name, result in zip(names, maps, strict=True)]
-    scored = [(name, series) for name, series in scored if series.get("time_s")]
+def scores(maps: Sequence[dict[str, Any]], names: Sequence[str], titles: Mapping[str, str]) -> bytes | None:
+    """Draw two scores of the maps over time, those that `titles` names; None if no map has them."""
+    scored = [
+        (name, series)
+        for name, result in zip(names, maps, strict=True)
+        for series in (result.get("mean_gas", {}), result.get("mean_wind", {}))
+        if series.get("time_s") and titles.keys() <= series.keys()
+    ]
     if not scored:
         return None
-    titles = {"error_ppm": captions.ERROR, "correlation": captions.CORRELATION}
     with theme.panels(2, 2, 2.4, math=False) as plot:
         for axes, (key, label) in zip(plot, titles.items(), strict=True):
             for n, (name, series) in enumerate(scored):

@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple, TypeVar
 import numpy as np
 from matplotlib.patches import Rectangle
 
-from taichi_plume.observed.scales import logarithmic
+from taichi_plume.observed.scales import logarithmic, rounded_up
 from taichi_plume.record.drawing import DENSITIES
 from taichi_plume.report import theme
 from taichi_plume.results.run import Run
@@ -16,19 +16,27 @@ from taichi_plume.scoring.declarations import OF_BELIEFS
 
 NAME = "maps.zarr"
 WIDE, DPI, MOST = 7.2, 100, 4  # inches; maps or beliefs that are shown
+ARROWS, SLOWEST = 24, 1e-3  # arrows in a row; m/s, least end of the colours of speeds
 TALLEST, LOWEST, TITLE = 6.0, 1.4, 0.3  # inches: a map; a figure of maps; a map's title
 Part = TypeVar("Part")
 Picture = tuple[str, np.ndarray, tuple[float, float, float, float]]
-"""Title, values (ny, nx) and rectangle (left, right, low, high) [m] of a drawn map."""
+"""Title, values (ny, nx) or (ny, nx, 2) and rectangle (left, right, low, high) [m] of a drawn map."""
 
 
 class MapAtEnd(NamedTuple):
-    """Map of the first trial at the end of a run: estimate and truth (ny, nx) [ppm], cell [m]."""
+    """Map of the first trial at the end of a run: estimate and truth (ny, nx) [ppm], of the wind (ny, nx, 2) [m/s];
+    cell [m].
+    """
 
     name: str
     cell: float
     estimate: np.ndarray
     truth: np.ndarray
+
+    @property
+    def is_of_wind(self) -> bool:
+        """Whether the map is of the wind."""
+        return self.estimate.ndim == 3
 
 
 class BeliefAtEnd(NamedTuple):
@@ -65,7 +73,7 @@ def _read(folder: Path, kind: Literal["maps", "beliefs"], make: Callable[[Any], 
 def _map(group: Any) -> MapAtEnd:
     kind, x = str(group.attributes["kind"]).replace("_", " "), group["x"][:]
     estimate, truth = np.asarray(group["estimate"][0], float), np.asarray(group["truth"][0], float)
-    if estimate.ndim != 2 or estimate.shape != truth.shape:
+    if estimate.ndim != 2 + ("component" in group.names) or estimate.shape != truth.shape:
         raise ValueError(f"map {group.name} has an estimate of {estimate.shape}")
     made_by = json.loads(group.attributes["groups"])  # the first trial belongs to the first rival
     whose = f" of {made_by[0]['names'][0]}" if len(made_by) > 1 else ""
@@ -84,14 +92,25 @@ def _belief(group: Any) -> BeliefAtEnd:
 
 
 def beside_truth(run: Run, maps: Sequence[MapAtEnd]) -> bytes:
-    """Return a PNG with each gas map's estimate on the left and the true gas on the right, on one colour scale."""
+    """Return a PNG with each map's estimate on the left and the truth on the right, on one colour scale.
+
+    maps: either of the gas or of the wind.
+    """
     pictures: list[Picture] = []
+    quantity = "wind" if maps[0].is_of_wind else "gas"
     for gas_map in maps:
-        for name, values in (("estimate", gas_map.estimate), ("truth: mean of the gas", gas_map.truth)):
-            rows, columns = values.shape
+        for name, values in (
+            ("estimate", gas_map.estimate),
+            (f"truth: mean of the {quantity}", gas_map.truth),
+        ):
+            rows, columns = values.shape[:2]
             reach = (0.0, gas_map.cell * columns, 0.0, gas_map.cell * rows)
             title = f"{gas_map.name}: {name}" if name == "estimate" else name
             pictures.append((title, values, reach))
+    if quantity == "wind":
+        speeds = [np.linalg.norm(values, axis=-1) for _, values, _ in pictures]
+        top = max(np.nanmax(speed, initial=SLOWEST) for speed in speeds)
+        return _drawn(run, pictures, (0.0, rounded_up(float(top))), "m/s")
     return _drawn(run, pictures, run.scenario.recording.range_ppm, "ppm")
 
 
@@ -102,7 +121,9 @@ def beside_sources(run: Run, beliefs: Sequence[BeliefAtEnd]) -> bytes:
 
 
 def _drawn(run: Run, pictures: Sequence[Picture], scale: tuple[float, float], unit: str) -> bytes:
-    """Return a PNG of maps of the floor with the sources, two in a row, in logarithmic colours."""
+    """Return a PNG of maps of the floor with the sources, two in a row, in logarithmic colours; maps of the wind
+    (ny, nx, 2) have arrows on linear colours of the speed.
+    """
     width, length = run.scenario.domain.extent[:2]
     columns = min(2, len(pictures))
     rows = -(-len(pictures) // columns)
@@ -116,8 +137,11 @@ def _drawn(run: Run, pictures: Sequence[Picture], scale: tuple[float, float], un
             panel.set_axis_off()
         for panel, (title, values, reach) in zip(axes, pictures, strict=False):
             panel.add_patch(Rectangle((0, 0), width, length, facecolor="#d5dbe1", zorder=0))
-            places = logarithmic(values, *scale)
+            is_wind = values.ndim == 3
+            places = np.linalg.norm(values, axis=-1) / scale[1] if is_wind else logarithmic(values, *scale)
             image = panel.imshow(places, cmap=theme.GAS, vmin=0, vmax=1, origin="lower", extent=reach)
+            if is_wind:
+                _arrows(panel, values, reach, scale[1])
             edge = {"fill": False, "edgecolor": theme.INK, "linewidth": 1, "clip_on": False}
             panel.add_patch(Rectangle((0, 0), width, length, **edge))
             for _, source in run.scenario.sources:
@@ -125,8 +149,22 @@ def _drawn(run: Run, pictures: Sequence[Picture], scale: tuple[float, float], un
                 panel.plot(*source.position[:2], "*", **star)
             panel.set(xlim=(0, width), ylim=(0, length))
             panel.set_title(title, fontsize=9)
-        theme.scale(axes, image, *scale, True, unit)
+        theme.scale(axes, image, *scale, unit != "m/s", unit)
         return theme.png(figure)
+
+
+def _arrows(panel: Any, wind: np.ndarray, reach: tuple[float, float, float, float], top: float) -> None:
+    """Draw a wind (ny, nx, 2) [m/s] as at most ARROWS arrows in a row, each centred on its cell."""
+    ny, nx = wind.shape[:2]
+    every = -(-max(nx, ny) // ARROWS)
+    shown = wind[every // 2 :: every, every // 2 :: every]
+    cell = (reach[1] - reach[0]) / nx
+    x, y = ((np.arange(n)[every // 2 :: every] + 0.5) * cell for n in (nx, ny))
+    known = np.isfinite(shown[..., 0])
+    places = [values[known] for values in np.meshgrid(x, y)]
+    style = {"angles": "xy", "scale_units": "xy", "pivot": "middle", "width": 0.005}
+    style |= {"color": theme.INK, "edgecolor": "white", "linewidth": 0.5}
+    panel.quiver(*places, *shown[known].T, scale=top / (1.4 * every * cell), **style)
 
 
 def belief_rows(groups: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:

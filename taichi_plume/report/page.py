@@ -201,23 +201,35 @@ class Parts:
 
     def maps(self) -> Section:
         """Return the report's section with gas maps beside the true gas, and the scores of the maps."""
-        section = Section("Gas maps beside the truth", "maps")
+        section = Section("Maps beside the truth", "maps")
         if not self.run.scenario.maps:
             return section
         most = maps.MOST
         made = self._tried(lambda: maps.maps_of(self.run.folder), [])
         if made:
-            part = f" Shown are the first {most} of {len(made)} maps." if len(made) > most else ""
-            image = maps.beside_truth(self.run, made[:most])
-            section.image(image, "Maps at the end", captions.MAPS.format(part=part))
+            of_gas = [each for each in made if not each.is_of_wind]
+            of_wind = [each for each in made if each.is_of_wind]
+            for some, title, caption in (
+                (of_gas, "Maps at the end", captions.MAPS),
+                (of_wind, "Maps of the wind at the end", captions.WIND_MAPS),
+            ):
+                if some:
+                    part = f" Shown are the first {most} of {len(some)} maps." if len(some) > most else ""
+                    image = maps.beside_truth(self.run, some[:most])
+                    section.image(image, title, caption.format(part=part))
         else:
             section.lines.append(captions.NO_MAPS)
         results = self.result.get("maps", [])
         if results:
             section.table(facts.map_rows(results), captions.MAP_HEADS, captions.MAP_SCORES)
-            over_time = figures.scores(results[:most], summary.map_names(results)[:most])
-            if over_time:
-                section.image(over_time, "Scores over time", captions.OVER_TIME)
+            section.table(facts.wind_rows(results), captions.WIND_HEADS, captions.WIND_SCORES)
+            for titles, caption in (
+                (captions.GAS_TITLES, captions.OVER_TIME),
+                (captions.WIND_TITLES, captions.WIND_SCORES),
+            ):
+                over_time = figures.scores(results[:most], summary.map_names(results)[:most], titles)
+                if over_time:
+                    section.image(over_time, "Scores over time", caption)
         return section
 
     def beliefs(self) -> Section:

@@ -26,6 +26,8 @@ class AnyMap(Model):
 
     measures: ClassVar[str] = "gas"
     """Quantity of the map: "gas" or "wind"."""
+    gains: ClassVar[tuple[str, ...]] = ()
+    """Gains of a measurement that the map can compute, see `LeastKnown`."""
     times: ClassVar[tuple[str, ...]] = ()
     """Keys that set how long readings count. A map of a log chooses them, unless one of them is given."""
     kind: str
@@ -189,6 +191,7 @@ class KernelMap(AnyMap):
     """Mean and variance by Gaussian weights: Kernel DM+V (Lilienthal et al., IROS 2009)."""
 
     times: ClassVar[tuple[str, ...]] = ("memory",)
+    gains: ClassVar[tuple[str, ...]] = ("variance", "upper_bound")
     kind: Literal["kernel_dmv"]  # type: ignore[assignment]
     cell: si.Length = 0.1
     window: ClassVar[None] = None
@@ -240,6 +243,7 @@ class FieldMap(AnyMap):
 class MarkovMap(FieldMap):
     """Mean and variance by a Gaussian Markov random field, cut by obstacles (Monroy et al. 2016, Autonomous Robots)."""
 
+    gains: ClassVar[tuple[str, ...]] = ("variance", "upper_bound", "information")
     kind: Literal["gmrf"]  # type: ignore[assignment]
     lambda_prior: si.SomeCoefficient = 0.01
     """Precision of the difference of neighbouring cells, in 1/ppm²: less lets the map vary more."""
@@ -269,3 +273,6 @@ class WindMap(FieldMap):
 Map = Annotated[
     TimeSeriesMap | InverseDistanceMap | KernelMap | MarkovMap | WindMap, Field(discriminator="kind")
 ]
+TEAM_MAPS = (TimeSeriesMap, KernelMap, MarkovMap)
+TeamMap = Annotated[TimeSeriesMap | KernelMap | MarkovMap, Field(discriminator="kind")]
+"""Map by which a team decides where to measure next."""

@@ -79,6 +79,7 @@ _EVERYDAY = {
     "a map with variance is kind: gmrf or kind: kernel_dmv": (
         "kriging gp gaussian_process kernel_dm kernel kde gas_distribution markov"
     ),
+    "a map of the wind is kind: wind_gmrf": "wind wind_map gw_gmrf anemometer airflow",
     "weights by the distance are kind: inverse_distance": "idw nearest interpolation average",
     "robots at random places are kind: area": "random rectangle box uniform region anywhere",
     "robots at given places are kind: positions": "point points position at fixed list place places",

@@ -2,14 +2,14 @@
 
 from collections.abc import Iterator, Sequence
 from math import ceil, sqrt
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
 
 import numpy as np
 from pydantic import Field
 
 from taichi_plume.quantities import round_up
 from taichi_plume.scenario import si
-from taichi_plume.scenario.maps import MOST_CELLS, TimeSeriesMap
+from taichi_plume.scenario.maps import MOST_CELLS, TEAM_MAPS, TeamMap, TimeSeriesMap
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm, Listening
 from taichi_plume.scenario.starts import GAP
 from taichi_plume.scenario.vocabulary import SHAPE, Model, consistency_check
@@ -203,15 +203,22 @@ class Sweep(Repelled):
 
 
 class LeastKnown(Repelled):
-    """Drive to the least known places of a map of the readings (Marjovi & Marques 2014). See agents/least_known.py."""
+    """Drive to where a measurement improves the team's gas map most. See agents/least_known.py."""
 
     kind: Literal["least_known"]
     speed: si.Speed | None = None
     """Speed at which they drive; unless given, the body's largest."""
-    map: TimeSeriesMap = TimeSeriesMap(kind="time_series")
-    """Map of the team's readings whose weights count; a forgotten place is unknown again."""
+    map: TeamMap = TimeSeriesMap(kind="time_series")
+    """Map of the team's readings that decides where to measure next; a forgotten place is unknown again."""
+    criterion: Annotated[Literal["weight", "variance", "upper_bound", "information"], SHAPE] = "weight"
+    """Gain of a measurement. `weight`: least weight in the map; `variance`: of the map; `upper_bound`: mean + kappa
+    deviations; `information`: expected reduction of the variance summed over the map."""
+    kappa: si.Coefficient = 2.0
+    """Standard deviations above the mean in `upper_bound`: more explores, less goes to the gas."""
+    way_scale: si.Length = 1.0
+    """The gain counts over the length of the way plus this length: more drives farther for the largest gain."""
     share: si.SomeFraction = 0.1
-    """Share of all cells that count as the least known; the robot goes to the nearest of them."""
+    """With `weight`, share of all cells that count as the least known; the robot goes to the nearest of them."""
     apart: si.Length = 0.5
     """Least distance of a way point from the robot and from those of its team mates."""
 
@@ -219,6 +226,12 @@ class LeastKnown(Repelled):
     def _map_of_the_team(self) -> Iterator[str]:
         if self.map.robot is not None:
             yield "map.robot: the map is that of the team; remove it"
+        if self.criterion not in ("weight", *self.map.gains):
+            able = [
+                kind.model_fields["kind"].annotation for kind in TEAM_MAPS if self.criterion in kind.gains
+            ]
+            kinds = " or ".join(kind for each in able for kind in get_args(each))
+            yield f"criterion: {self.criterion} needs a map of kind {kinds}, not {self.map.kind}"
 
     def grid_error(self, where: str, floor: "Arena") -> str | None:
         return self.map.grid_error(f"{where}.algorithm.map", floor.high)

@@ -78,6 +78,29 @@ def test_mean_and_variance_solve_the_normal_equations(stock, extent, keys, obsta
         same(gas_map.weight()[trial], 1 / variance)
 
 
+def test_columns_of_the_covariance_are_those_of_the_dense_inverse(stock):
+    """Behind the closed wall of the second trial nothing is known, and the covariance with it is zero."""
+    gas_map = stock.map(MarkovMap, model(), floor=floor(closed, trials=2))
+    robots = stock.robots(1, trials=2, count=1)
+    robots.show([[0.2, 0.3], [1.6, 1.2]], [10.0, 30.0])
+    gas_map.update(robots, 1.0, DT)
+    cells = np.array([0, 7, 20])
+    columns = gas_map.covariance(0, cells)
+    known = np.isfinite(gas_map.estimate()[0])
+    assert known.ravel()[cells].all()
+    np.testing.assert_allclose(columns[cells, range(3)], gas_map.variance()[0].ravel()[cells], rtol=1e-6)
+    np.testing.assert_allclose(columns[~known.ravel()], 0.0)
+    H = np.zeros((24, 24))
+    for i, j in np.ndindex(4, 6):
+        for a, b in ((i + 1, j), (i, j + 1)):
+            if a < 4 and b < 6:
+                n, m = i * 6 + j, a * 6 + b
+                H[[n, m], [n, m]] += 0.01
+                H[[n, m], [m, n]] -= 0.01
+    H[1, 1] += 10.0  # the reading at (0.2, 0.3)
+    np.testing.assert_allclose(columns[:24], np.linalg.inv(H)[:, cells], rtol=1e-6)
+
+
 def test_behind_a_wall_nowhere_is_known(stock):
     gas_map = MarkovMap(model(), floor(closed))
     robots = stock.robots(1, trials=1)

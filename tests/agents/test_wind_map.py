@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from readers import COUNT, EXTENT, TRIALS, Stock, centers, feed, same
+from saved import assert_goes_on
 
 from taichi_plume.agents.gas_map import Floor, nowhere
 from taichi_plume.agents.wind_map import TINY, WindMap, wind_field
@@ -117,7 +118,9 @@ def literal(rows, now, extent, obstacle, edge, memory=None, window=1.0, p=10.0, 
 def test_mean_and_variance_solve_the_normal_equations(stock, extent, keys, obstacle, edge):
     wind_map = stock.map(WindMap, model(**keys), Floor(extent, TRIALS, COUNT, DT, obstacle, edge))
     rows = feed(wind_map, stock.robots(2, extent=extent), 16, DT)
-    keys = {name.removeprefix("lambda_")[: 1 if "lambda" in name else None]: value for name, value in keys.items()}
+    keys = {
+        name.removeprefix("lambda_")[: 1 if "lambda" in name else None]: value for name, value in keys.items()
+    }
     for trial in range(TRIALS):
         mean, variance = literal(rows[rows[:, 0] == trial], 8.0, extent, obstacle, edge, **keys)
         same(wind_map.estimate()[trial], mean, 1e-4)
@@ -162,9 +165,25 @@ def test_trials_are_separate_and_behind_a_wall_nothing_is_known(stock):
     assert known[0, :4].all()
     assert known[1, 4:].all()
     assert known.sum() == 2 * 24
-    np.testing.assert_allclose(np.nanmax(np.abs(wind_map.estimate()[0, ..., 1])), 0.0, atol=1e-6)
+    for trial, place in enumerate(robots.believed):
+        alone, _ = wind_field(place[None], robots.felt[trial][None], EXTENT, CELL, closed)
+        np.testing.assert_allclose(wind_map.estimate()[trial], alone, rtol=1e-6)
     robots.known = np.zeros(2, np.int32)  # calm below the threshold of the anemometers
     robots.show([[0.2, 0.3], [1.6, 1.2]], [0.0, 0.0])
     before = wind_map.estimate()
     wind_map.update(robots, 2.0, DT)
     np.testing.assert_array_equal(wind_map.estimate(), before)
+
+
+def test_a_map_goes_on_from_a_saved_state(stock):
+    """Within a window and with readings that fade; in between the map takes in other winds."""
+    wind_map = stock.map(WindMap, model(memory=6.0, window=2.0), Floor(EXTENT, TRIALS, COUNT, DT))
+
+    def play(first, last):
+        robots = stock.robots(first)
+        for tick in range(3 * first + 1, 3 * last + 1):
+            robots.wander()
+            wind_map.update(robots, tick * DT, DT)
+        return wind_map.estimate(), wind_map.variance()
+
+    assert_goes_on(wind_map, play)

@@ -78,7 +78,7 @@ robots:
     algorithm: {kind: surge_cast, threshold_ppm: 2}
     body: {radius: 0.05, max_speed: 0.1}
     sensors: {gas: {kind: pid}, wind: {kind: thermal}}
-maps: [{kind: gmrf, cell: 0.2}]
+maps: [{kind: gmrf, cell: 0.2}, {kind: wind_gmrf, cell: 0.2, memory: 2}]
 """,
     "mesh": """
 duration: 5

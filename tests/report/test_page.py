@@ -141,7 +141,7 @@ def test_each_error_of_a_map_has_a_name_of_its_own(drawn):
     (row,) = facts.map_rows([score])
     named = dict(zip(captions.MAP_HEADS, row, strict=True))
     assert len(named) == len(captions.MAP_HEADS)
-    figures.scores([score], ["gmrf"])
+    figures.scores([score], ["gmrf"], captions.GAS_TITLES)
     shown = [(axes.get_title(loc="left"), axes.lines[0].get_ydata()[-1]) for axes in drawn[0].axes]
     assert [named[title] for title, _ in shown] == [f"{value:.3g}" for _, value in shown[:1]] + ["0.60"]
     assert {"8.98", "0.70"} <= set(named.values())
