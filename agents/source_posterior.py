@@ -38,7 +38,7 @@ SWEEPS = 2  # of Metropolis steps after a resampling
 STEP = 0.3  # cells, or of a logarithm: smallest random step
 LEAPS = 0.1  # chance that differential evolution adds a whole difference
 FEWER = 0.25  # prior probability of n + 1 sources over that of n
-KEPT = 0.3  # least effective number of particles in a step, over their number
+SHARE_EFFECTIVE = 0.3  # least effective number of particles in a step, over their number
 LEAST_EXPONENT = 0.02  # smallest step of the exponent
 LEAST = 1e-6  # least probability of a count
 INTERVAL = (0.05, 0.95)  # quantiles of strengths
@@ -134,7 +134,7 @@ class SourcePosterior:
     """Weighted particles of source terms, given measurements.
 
     prior: probability of a source in each cell (nx, ny), zero where there can be none. low, cell: lower corner (2,) and
-    edge of the cells [m]. most: largest number of sources. floor: reading [ppm] below which readings tell no more.
+    edge of the cells [m]. most: largest number of sources. floor: reading [ppm] below which differences do not count.
     threshold: None for the likelihood of readings; else counts of samples above this reading [ppm]. correlation: length
     [m] over which model errors are alike.
     """
@@ -292,7 +292,7 @@ class SourcePosterior:
 
         def keeps(part: float) -> bool:
             w = np.exp(part * (change - change.max()))
-            return w.sum() ** 2 >= KEPT * self.size * (w**2).sum()
+            return w.sum() ** 2 >= SHARE_EFFECTIVE * self.size * (w**2).sum()
 
         if keeps(most):
             return most

@@ -252,8 +252,8 @@ class SourceTerm(KernelAlgorithm):
         near = np.linalg.norm(place - place[n - first], axis=1) <= (
             np.inf if radio.range is None else radio.range
         )
-        kept = self.posteriors[n].rng.random(count) >= radio.loss
-        return [first + m for m in range(count) if first + m == n or (near[m] and kept[m])]
+        arrives = self.posteriors[n].rng.random(count) >= radio.loss
+        return [first + m for m in range(count) if first + m == n or (near[m] and arrives[m])]
 
     # ------------------------------------------------------------ inference
 

@@ -1,6 +1,7 @@
 """Python interface: functions and classes such as ``taichi_plume.simulate`` and ``taichi_plume.Simulation``."""
 
 MAY_IMPORT: tuple[str, ...] = (
+    "agents",
     "assembly",
     "contests",
     "engine",

@@ -258,13 +258,13 @@ class SourceTerm(Listening, Declares):
     acquisition: si.Wait = 5.0
     lag: Literal["ignored", "deconvolved"] = "deconvolved"
     likelihood: Literal["readings", "hits", "counts"] = "readings"
-    """What of an acquisition counts: its mean reading, whether that is above the threshold, or how many samples are."""
+    """Data of an acquisition: its mean reading, whether that is above the threshold, or the number of samples above."""
     threshold_ppm: si.SomePpm = 1.0
-    """Reading above which there is gas for `hits` and `counts`. For `readings`, the floor: less tells no more."""
+    """Reading above which there is gas for `hits` and `counts`. For `readings`, the floor: smaller differences do not count."""
     sources: Annotated[int, Field(ge=1, le=3)] = 1
     """Largest number of sources. With more than one their number is inferred, too."""
     rate: UniformRate | NormalRate = UniformRate()
-    """What is known of the strength of a source: limits `low` and `high`, or a `median` and its `factor`."""
+    """Prior of the strength of a source: limits `low` and `high`, or a `median` and its `factor`."""
     source_height: si.Distance | None = None
     """Height of the sources over the floor; 3-D only. Unless given, that of the gas sensor."""
     cell: si.Length = 0.1

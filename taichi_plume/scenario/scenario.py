@@ -224,7 +224,7 @@ class Scenario(Model):
         axis: normal to the edge (0: x, 1: y); side: 0 at the origin, 1 at the other end. In 3-D an opening counts at
         the height of the first group's anemometer. Winds without walls pass everywhere.
         """
-        if self.wind.computed is None:
+        if self.wind.computed is None and not self.wind.walled:
             return np.ones(len(along), bool)
         passes = np.zeros(len(along), bool)
         height = self.robots[0].sensors.wind.height if self.robots else 0.0

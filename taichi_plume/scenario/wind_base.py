@@ -21,6 +21,8 @@ class AnyWind(Model):
     solved: ClassVar[bool] = False
     """Whether a solver advances the wind, which takes time; otherwise it is known in advance."""
 
+    walled: ClassVar[bool] = False
+    """Whether walls close all faces of the domain but for the openings."""
     computed: ClassVar["CfdWind | None"] = None
     """The wind itself if it is a computed flow."""
 

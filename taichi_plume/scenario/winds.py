@@ -311,6 +311,7 @@ class SyntheticWind(AnyWind):
     wall_layer: si.Length = 0.3
     """Distance from walls and obstacles at which the eddies have about three quarters of their strength."""
 
+    walled: ClassVar[bool] = True
     by_chance: ClassVar[bool] = True
 
     def shortest_on(self, spacing: float) -> float:
