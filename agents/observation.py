@@ -21,6 +21,7 @@ from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import cos_sin, log
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.policy import Policy
+from taichi_plume.scenario.robots import Group
 
 DECADES = 6.0  # decades of ppm from 1 on, up to pure gas
 KILO_OHM, DECADES_OF_OHM = 1e3, 4.0  # metal oxides lie within 1 kohm and 10 Mohm
@@ -30,16 +31,17 @@ PER_LN10 = 1.0 / float(np.log(10.0))
 OF_A_MATE = ("there", "ahead", "left", "gas")
 
 
-def action_names(model: Policy) -> tuple[str, ...]:
-    """Return the names of the components of an action."""
+def action_names(group: Group) -> tuple[str, ...]:
+    """Return the names of the components of an action of a group with a policy."""
+    model = cast(Policy, group.algorithm)
     names = ("speed", "turn") if model.act == "drive" else ("ahead", "left")
-    return (*names, "declare") if model.declares else names
+    up = ("climb" if model.act == "drive" else "up",) * group.body.flies
+    return (*names, *up, *("declare",) * model.declares)
 
 
-def entries(model: Policy, mates: int, sensors: int = 1) -> Iterator[tuple[str, str, float]]:
-    """Yield kind, name and lower bound of each entry that a policy observes; the upper bound is 1. mates: number of
-    teammates; sensors: number of gas sensors of each robot.
-    """
+def entries(group: Group) -> Iterator[tuple[str, str, float]]:
+    """Yield kind, name and lower bound of each entry that a group's policy observes; the upper bound is 1."""
+    model, sensors, mates = cast(Policy, group.algorithm), len(group.sensors.noses), group.count - 1
     pairs: dict[str, Sequence[tuple[str, float]]] = {
         "gas": [("gas", 0.0)],
         "noses": [(f"gas of sensor {k}", 0.0) for k in range(1, sensors)],
@@ -50,7 +52,8 @@ def entries(model: Policy, mates: int, sensors: int = 1) -> Iterator[tuple[str, 
         "bumper": [("bumper", 0.0)],
         "heading": [("heading cos", -1.0), ("heading sin", -1.0)],
         "position": [("position x", -1.0), ("position y", -1.0)],
-        "action": [(f"last {name}", -1.0) for name in action_names(model)],
+        "height": [("height", 0.0)],
+        "action": [(f"last {name}", -1.0) for name in action_names(group)],
         "clock": [("clock", 0.0)],
         "mates": [
             (f"mate {m} {name}", -1.0 if name in OF_A_MATE[1:3] else 0.0)
@@ -77,7 +80,7 @@ class Observation:
         (group,) = members.groups
         self.count, self.history = group.count, self.model.history
         sensors = len(group.model.sensors.noses)
-        self.own = list(entries(self.model, self.count - 1, sensors))
+        self.own = list(entries(group.model))
         self.others = tuple(getattr(swarm, f"reading_{k}") for k in range(1, sensors))
         self.width = len(self.own)
         self.size = self.width * self.history
@@ -92,7 +95,7 @@ class Observation:
         self.begins = {
             kind: next(k for k, entry in enumerate(self.own) if entry[0] == kind) for kind in self.kinds
         }
-        self.times, self.actions = len(self.model.memory), len(action_names(self.model))
+        self.times, self.actions = len(self.model.memory), len(action_names(group.model))
         n = members.size
         self.averages = ti.field(ti.f32, (n, max(1, self.times)))  # running averages of the gas entry
         self.before = ti.field(ti.f32, n)  # gas entry at the last decision
@@ -190,6 +193,9 @@ class Observation:
                     share_of = (self.swarm.believed_position[i][d] - self.low_corner[d]) / self.extent[d]
                     p = ti.math.clamp(2.0 * share_of - 1.0, -1.0, 1.0)
                     table[row, at + d] = p if ti.static(d == 0) else flip * p
+            elif ti.static(kind == "height"):
+                share = self.swarm.altitude[i] / self.swarm.clearance.layers.ceiling
+                table[row, at] = ti.math.clamp(share, 0.0, 1.0)
             elif ti.static(kind == "action"):
                 for k in ti.static(range(self.actions)):
                     table[row, at + k] = self.action[n, k]

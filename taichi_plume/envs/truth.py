@@ -18,6 +18,8 @@ KEYS = ("true_ppm", "robot_position", "robot_heading", "source_position", "sourc
 class Truth:
     """Reader of the true state of the robots of `Episodes`; n robots in all, those of environment e in a row.
 
+    Positions and offsets of drones have a third number, upward; their position is that of the middle of the body.
+
     true_ppm (n,): gas at the robot's first gas sensor [ppm], without lag and noise. robot_position (n, 2) [m];
     robot_heading (n,) [rad], counterclockwise from x. source_position (n, 2): position of the nearest source [m].
     source_offset (n, 2): distance to the nearest source ahead of the robot and to its left [m]; left and right are
@@ -35,11 +37,14 @@ class Truth:
             swarm.episodes.sources,
             of.kernel.mirror,
         )
-        self._robots = of.robots
+        self._robots, self._swarm = of.robots, swarm
 
     def read(self) -> "dict[str, Array]":
         """Return the present truth by key, as NumPy arrays of float32."""
         positions, headings, ppm, sources, mirrored = (field.to_numpy() for field in self._fields)
+        if self._swarm.flies:
+            middle = self._swarm.altitude.to_numpy() + 0.5 * self._swarm.height.to_numpy()
+            positions = np.column_stack([positions, middle])
         trial = np.arange(len(positions)) // self._robots
         apart = sources[trial] - positions[:, None]  # (n, sources, 2)
         squares = (apart**2).sum(axis=2)
@@ -53,6 +58,6 @@ class Truth:
             positions,
             headings,
             positions + way,
-            np.stack([cos * way[:, 0] + sin * way[:, 1], left], axis=1),
+            np.column_stack([cos * way[:, 0] + sin * way[:, 1], left, *way[:, 2:].T]),
         )
         return {key: value.astype(np.float32) for key, value in zip(KEYS, values, strict=True)}
