@@ -268,6 +268,10 @@ class Episodes:
         """Return the true state of the robots by key, see `Truth`; tensors if the engine's arrays are."""
         return {key: self._given(value) for key, value in self._truth.read().items()}
 
+    def state(self) -> np.ndarray:
+        """Return the global state of each environment for centralised training, see `Truth.state`."""
+        return self._truth.state()
+
     def _run(self) -> None:
         self._side = 1 - self._side
         self.kernel.run(self._side, self._flags, self._actions, self._table, self._outcomes)

@@ -196,6 +196,9 @@ class StepKernel:
                 if self.trials.goes[e] == 1:
                     for i in range(e * self.robots, (e + 1) * self.robots):
                         self.observation.follow(i, dt)
+                        self.observation.send(i, 0)
+                    for i in range(e * self.robots, (e + 1) * self.robots):
+                        self.observation.receive(i, 0, 0.0)
 
     @ti.func
     def _come_in(self, e, side, flags: Template, table: Template, outcomes: Template):

@@ -52,9 +52,11 @@ class Policy(AnyAlgorithm):
     gas entry since the last decision; resistance: of a metal oxide; wind: the measured direction and
     speed; bumper; heading and position: as the robot estimates them; height: of a
     drone over the floor, over that of the ceiling; action: the last one; clock: the time since the
-    start, as t/(t + 60 s); mates: positions and readings of team mates in radio range."""
+    start, as t/(t + 60 s); mates: age of the last message, position and reading of the nearest team mates, by radio."""
     memory: Annotated[tuple[si.Wait, ...], Field(max_length=8)] = (1.0, 5.0, 20.0)
     """Time constants of averages of the gas entry, for the entry `memory`."""
+    neighbours: Annotated[int, Field(ge=1, le=MOST_STACKED)] | None = None
+    """Largest number of team mates in the entry `mates`; unless given, all."""
     history: Annotated[int, Field(ge=1, le=MOST_STACKED)] = 1
     """Number of stacked observations, the newest first."""
     act: Literal["drive", "waypoint"] = "drive"

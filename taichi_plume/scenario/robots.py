@@ -24,6 +24,8 @@ class Communication(Model):
     """Range of a message; unless given, unlimited."""
     loss: si.Fraction = 0.0
     """Probability that a robot misses a message."""
+    rate: si.Frequency | None = None
+    """Messages per second that a robot with a policy sends, rounded to whole ticks; unless given, one per tick."""
 
 
 class Group(Model):
@@ -189,8 +191,8 @@ class Group(Model):
             elif base + height > ceiling:
                 end = "altitude" if base == self.start_altitude else "highest"
                 yield (
-                    f"{where}.start.{end}: {base:g} m and {key} of {height:g} m reach above the ceiling of the domain; use "
-                    f"at most {ceiling - height:g} m"
+                    f"{where}.start.{end}: {base:g} m and {key} of {height:g} m reach above the ceiling of the "
+                    f"domain; use at most {ceiling - height:g} m"
                 )
 
     def _flight(self, where: str) -> Iterator[str]:
