@@ -141,7 +141,7 @@ def test_messages_have_a_rate_a_loss_and_an_age(taichi):
         learner.sense(np.full(3, float(tick), np.float32), 0.0, 0.0, np.nan)
         learner.talk(tick, TICK * tick)
         times.append(learner.seen.radio.time.to_numpy())
-    heard = np.diff(np.array(times), axis=0) > 0
+    heard = np.diff(np.array(times, float), axis=0) > 0.0
     assert set((np.flatnonzero(heard.any(axis=(1, 2))) + 1) % 5) == {0}
     assert heard.mean(axis=0)[~np.eye(3, dtype=bool)] == pytest.approx(0.1, abs=0.025)
     last = times[-1][0, 1]

@@ -80,7 +80,7 @@ def asked(request):
     for field, values in ((bank.film, film), (bank.gas_of, gas), (bank.begin, begin), (bank.now, now)):
         field.from_numpy(values)
     ends = np.array([[-0.02] * dim, [n * DX + 0.02 for n in CELLS[:dim]]]) + [0.0, 0.0, LOW][:dim]
-    places = rng.uniform(*ends, (COUNT * ROBOTS, dim))
+    places = rng.uniform(ends[0], ends[1], (COUNT * ROBOTS, dim))
     ppm, u = Asking(bank, len(places))(places)
     return SimpleNamespace(of=of, film=film, gas=gas, at=begin + now, places=places, ppm=ppm, u=u)
 
