@@ -2,6 +2,8 @@
 
 drive     speed (1 + a0)/2 and turn rate a1, as fractions of the body's largest; a1 > 0 turns left
 waypoint  the point a0 ahead and a1 to the left, times `step`: turn to it, drive to it, wait there
+climb     of drones, an additional value a2: climb rate, as a fraction of the body's largest upward or downward speed;
+          with waypoint the point is a2 times `step` above the drone, which flies there straight
 declare   an additional value; above 0.5 the robot declares a source at its position
 
 An action holds until the next decision. In a mirrored world left and right are swapped.
@@ -30,11 +32,16 @@ class Commands:
 
     def __init__(self, swarm: Swarm, members: Members, tick: float):
         self.swarm, self.members, self.robot = swarm, members, members.robot
-        model = cast(Policy, members.groups[0].model.algorithm)
-        self.names = action_names(model)
+        group = members.groups[0].model
+        model, self.flies = cast(Policy, group.algorithm), group.body.flies
+        self.names = action_names(group)
         self.size, self.drives, self.declares = len(self.names), model.act == "drive", model.declares
         self.p = Parameters(members, lambda group: {"step": float(cast(Policy, group.model.algorithm).step)})
         self.held = ti.vector_field(2, ti.f32, members.size)  # speed and turn rate over their limits
+        if self.flies:
+            # climb rate over its limit, or altitude of the way point [m]
+            self.up = ti.filled(swarm.altitude[members.robot.to_numpy()] * (not self.drives), ti.f32)
+            self.STATE = (*self.STATE, "up")
         # believed place of the way point [m]
         self.goal = ti.filled_vectors(swarm.believed_position[members.robot.to_numpy()])
 
@@ -45,6 +52,8 @@ class Commands:
         self.held[n] = ti.Vector([0.0, 0.0])
         self.goal[n] = self.swarm.believed_position[i]
         self.swarm.speed_command[i], self.swarm.turn_rate_command[i] = 0.0, 0.0
+        if ti.static(self.flies):
+            self.up[n] = 0.0 if ti.static(self.drives) else self.swarm.altitude[i]
 
     @ti.func
     def take(self, n, flip, row, table: Template, t):
@@ -57,8 +66,11 @@ class Commands:
             e = cos_sin(self.swarm.believed_heading[i])
             way = self.p.step[n] * ti.Vector([a * e[0] - b * e[1], a * e[1] + b * e[0]])
             self.goal[n] = self.swarm.believed_position[i] + way
+        if ti.static(self.flies):
+            c = ti.math.clamp(table[row, 2], -1.0, 1.0)
+            self.up[n] = c if ti.static(self.drives) else self.swarm.altitude[i] + self.p.step[n] * c
         if ti.static(self.declares):
-            if table[row, 2] > WORD:
+            if table[row, self.size - 1] > WORD:
                 self.swarm.declare(i, self.swarm.believed_position[i], t)
 
     @ti.func
@@ -76,3 +88,11 @@ class Commands:
                 if ti.abs(off) < 0.25 * pi:  # else the robot first turns
                     speed = ti.min(distance / dt, self.swarm.max_speed[i] * ti.cos(off))
         self.swarm.speed_command[i], self.swarm.turn_rate_command[i] = speed, turn
+        if ti.static(self.flies):
+            if ti.static(self.drives):
+                up = self.up[n]
+                most = ti.select(up > 0.0, self.swarm.max_climb[i], self.swarm.max_descent[i])
+                self.swarm.climb_command[i] = up * most
+            else:
+                goal = self.goal[n]
+                self.swarm.goal[i] = ti.Vector([goal[0], goal[1], self.up[n]])

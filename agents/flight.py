@@ -16,8 +16,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from taichi_plume.agents.columns import Columns
+from taichi_plume.agents.groups import GroupRange
 from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import cos_sin, wrap
+from taichi_plume.grid.rng import generator
 from taichi_plume.scenario.obstacles import Obstacle
 from taichi_plume.scenario.robots import Group
 
@@ -32,12 +34,26 @@ WINGS: dict[str, Callable[[Group], float]] = {
 """Functions from a group to each body parameter of drones, by the names of fields that only swarms with drones have."""
 
 
+def _draw_rises(group: GroupRange, seed: int) -> np.ndarray:
+    """Return the altitudes (size,) [m] of a group's robots above the lowest at the start, drawn by trial."""
+    model = group.model
+    rise = model.start_highest - model.start_altitude
+    trials = range(model.first_trial, model.first_trial + model.trials)
+    if rise <= 0.0:
+        return np.zeros(group.size)
+    draws = (generator(seed, f"altitudes of group {group.number}, trial {k}") for k in trials)
+    return np.concatenate([rise * rng.random(model.count) for rng in draws])
+
+
 class Flying(Columns):
     """Mixin of the swarm for the flight of drones."""
 
     def _set_flight(self, sources: np.ndarray, walkers: Sequence[Obstacle]) -> None:
         """Set the fields that only swarms with drones have, at the start of a run; sources: (m, 3) [m]."""
-        self.first_altitude = ti.filled(self._each(lambda group: group.start_altitude), ti.f32)
+        first = self._each(lambda group: group.start_altitude)
+        for group in self.groups:
+            first[group.start : group.start + group.size] += _draw_rises(group, self.seed)
+        self.first_altitude = ti.filled(first, ti.f32)
         self.altitude.copy_from(self.first_altitude)
         for name, value in WINGS.items():
             setattr(self, name, ti.filled(self._each(value), ti.f32))
@@ -61,7 +77,10 @@ class Flying(Columns):
         """Return the height [m] of the middle of drone i above source s; 0 for ground robots."""
         above = 0.0
         if self.wings[i] == 1.0:
-            above = self.altitude[i] + 0.5 * self.height[i] - self.source_height[s]
+            low = self.source_height[s]
+            if ti.static(self.apart):
+                low = self.episodes.sources[self.episodes.of(i), s][2]
+            above = self.altitude[i] + 0.5 * self.height[i] - low
         return above
 
     @ti.func

@@ -15,31 +15,45 @@ from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.lag import Lag
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
-from taichi_plume.agents.radio import UNLIMITED
+from taichi_plume.agents.radio import NEVER, Radio
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import cos_sin, log
 from taichi_plume.grid.kernels import Template
 from taichi_plume.scenario.policy import Policy
+from taichi_plume.scenario.robots import Group
 
 DECADES = 6.0  # decades of ppm from 1 on, up to pure gas
 KILO_OHM, DECADES_OF_OHM = 1e3, 4.0  # metal oxides lie within 1 kohm and 10 Mohm
 HALF_TIME = 60.0  # s, mapped to one half
 HALF_SPEED = 0.5  # m/s, mapped to one half: typical winds of rooms are below, of fans and outdoors above
 PER_LN10 = 1.0 / float(np.log(10.0))
-OF_A_MATE = ("there", "ahead", "left", "gas")
+FARTHEST = 1e9  # m
+HALF_AGE = 5.0  # s, age of a message that is mapped to one half
 
 
-def action_names(model: Policy) -> tuple[str, ...]:
-    """Return the names of the components of an action."""
+def of_a_mate(group: Group) -> tuple[str, ...]:
+    """Return the names of the entries of a teammate."""
+    return ("heard", "ahead", "left", *("above",) * group.body.flies, "gas")
+
+
+def mates_of(group: Group) -> int:
+    """Return the number of teammates that a policy observes."""
+    most = cast(Policy, group.algorithm).neighbours
+    return group.count - 1 if most is None else min(most, group.count - 1)
+
+
+def action_names(group: Group) -> tuple[str, ...]:
+    """Return the names of the components of an action of a group with a policy."""
+    model = cast(Policy, group.algorithm)
     names = ("speed", "turn") if model.act == "drive" else ("ahead", "left")
-    return (*names, "declare") if model.declares else names
+    up = ("climb" if model.act == "drive" else "up",) * group.body.flies
+    return (*names, *up, *("declare",) * model.declares)
 
 
-def entries(model: Policy, mates: int, sensors: int = 1) -> Iterator[tuple[str, str, float]]:
-    """Yield kind, name and lower bound of each entry that a policy observes; the upper bound is 1. mates: number of
-    teammates; sensors: number of gas sensors of each robot.
-    """
+def entries(group: Group) -> Iterator[tuple[str, str, float]]:
+    """Yield kind, name and lower bound of each entry that a group's policy observes; the upper bound is 1."""
+    model, sensors, mates = cast(Policy, group.algorithm), len(group.sensors.noses), mates_of(group)
     pairs: dict[str, Sequence[tuple[str, float]]] = {
         "gas": [("gas", 0.0)],
         "noses": [(f"gas of sensor {k}", 0.0) for k in range(1, sensors)],
@@ -50,12 +64,13 @@ def entries(model: Policy, mates: int, sensors: int = 1) -> Iterator[tuple[str, 
         "bumper": [("bumper", 0.0)],
         "heading": [("heading cos", -1.0), ("heading sin", -1.0)],
         "position": [("position x", -1.0), ("position y", -1.0)],
-        "action": [(f"last {name}", -1.0) for name in action_names(model)],
+        "height": [("height", 0.0)],
+        "action": [(f"last {name}", -1.0) for name in action_names(group)],
         "clock": [("clock", 0.0)],
         "mates": [
-            (f"mate {m} {name}", -1.0 if name in OF_A_MATE[1:3] else 0.0)
+            (f"mate {m} {name}", 0.0 if name in ("heard", "gas") else -1.0)
             for m in range(1, mates + 1)
-            for name in OF_A_MATE
+            for name in of_a_mate(group)
         ],
     }
     for kind in model.observe:
@@ -77,7 +92,7 @@ class Observation:
         (group,) = members.groups
         self.count, self.history = group.count, self.model.history
         sensors = len(group.model.sensors.noses)
-        self.own = list(entries(self.model, self.count - 1, sensors))
+        self.own = list(entries(group.model))
         self.others = tuple(getattr(swarm, f"reading_{k}") for k in range(1, sensors))
         self.width = len(self.own)
         self.size = self.width * self.history
@@ -92,7 +107,17 @@ class Observation:
         self.begins = {
             kind: next(k for k, entry in enumerate(self.own) if entry[0] == kind) for kind in self.kinds
         }
-        self.times, self.actions = len(self.model.memory), len(action_names(self.model))
+        self.times, self.actions = len(self.model.memory), len(action_names(group.model))
+        self.mates, self.of_a_mate, self.flies = (
+            mates_of(group.model),
+            len(of_a_mate(group.model)),
+            group.model.body.flies,
+        )
+        self.talks = "mates" in self.kinds
+        if self.talks:
+            self.radio = Radio(members, Parameters(members, Radio.numbers, radio="radio"))
+            self.radio.time.fill(NEVER)
+            self.STATE = (*self.STATE, "radio")
         n = members.size
         self.averages = ti.field(ti.f32, (n, max(1, self.times)))  # running averages of the gas entry
         self.before = ti.field(ti.f32, n)  # gas entry at the last decision
@@ -110,8 +135,8 @@ class Observation:
 
     def _numbers(self, group: GroupRange) -> Numbers:
         shares = tuple(Lag(time, self.tick).share for time in self.model.memory) or (1.0,)
-        reach = group.model.communication.range
-        return {"shares": shares, "range": UNLIMITED if reach is None else float(reach)}
+        rate = group.model.communication.rate
+        return {"shares": shares, "every": 1 if rate is None else max(1, round(1.0 / (rate * self.tick)))}
 
     @ti.func
     def gas(self, n):
@@ -128,6 +153,29 @@ class Observation:
             self.past[n, k] = 0.0
         for k in range(self.actions):
             self.action[n, k] = 0.0
+        if ti.static(self.talks):
+            self.radio.forget(n)
+
+    @ti.func
+    def send(self, n, tick):
+        """Send robot n's gas entry and position to its team if due; tick: of the run. Then call `receive` for all."""
+        if ti.static(self.talks):
+            i = self.robot[n]
+            now, _ = self.swarm.clock(i, tick, 0.0)
+            self.radio.speaks[n] = 0
+            if (now - 1) % self.p.every[n] == 0:
+                height = 0.0
+                if ti.static(self.flies):
+                    height = self.swarm.altitude[i]
+                self.radio.say(n, self.gas(n), ti.Vector([height, 0.0]))
+
+    @ti.func
+    def receive(self, n, tick, t):
+        """Receive the messages to robot n; tick, t [s]: of the run."""
+        if ti.static(self.talks):
+            _, at = self.swarm.clock(self.robot[n], tick, t)
+            for m in range(self.count):
+                self.radio.receive(n, m, tick, at)
 
     @ti.func
     def remember(self, n, row, table: Template):
@@ -144,15 +192,15 @@ class Observation:
                 self.averages[n, k] = self.averages[n, k] + self.p.shares[n, k] * (gas - self.averages[n, k])
 
     @ti.func
-    def write(self, n, flip, row, table: Template, elapsed):
+    def write(self, n, flip, row, table: Template, elapsed, t=0.0):
         """Write the observation of robot n to a row of a table (rows, size).
 
-        flip: -1 in a mirrored world, else 1. elapsed: time of the search so far [s].
+        flip: -1 in a mirrored world, else 1. elapsed: time of the search so far [s]; t: time of the run [s].
         """
         rest = self.size - self.width
         for k in range(rest):
             table[row, self.width + k] = self.past[n, k]
-        self._show(n, flip, row, table, elapsed)
+        self._show(n, flip, row, table, elapsed, t)
         for k in range(rest - self.width):
             self.past[n, rest - 1 - k] = self.past[n, rest - 1 - k - self.width]
         for k in range(ti.min(rest, self.width)):
@@ -160,7 +208,7 @@ class Observation:
         self.before[n] = self.gas(n)
 
     @ti.func
-    def _show(self, n, flip, row, table: Template, elapsed):
+    def _show(self, n, flip, row, table: Template, elapsed, t):
         """Write the present entries of robot n's observation to row `row` of table; arguments as for `write`."""
         i = self.robot[n]
         gas, heading = self.gas(n), self.swarm.believed_heading[i]
@@ -190,13 +238,17 @@ class Observation:
                     share_of = (self.swarm.believed_position[i][d] - self.low_corner[d]) / self.extent[d]
                     p = ti.math.clamp(2.0 * share_of - 1.0, -1.0, 1.0)
                     table[row, at + d] = p if ti.static(d == 0) else flip * p
+            elif ti.static(kind == "height"):
+                share = self.swarm.altitude[i] / self.swarm.clearance.layers.ceiling
+                table[row, at] = ti.math.clamp(share, 0.0, 1.0)
             elif ti.static(kind == "action"):
                 for k in ti.static(range(self.actions)):
                     table[row, at + k] = self.action[n, k]
             elif ti.static(kind == "clock"):
                 table[row, at] = elapsed / (elapsed + HALF_TIME)
             else:
-                self._show_mates(n, heading, flip, row, table, at)
+                _, now = self.swarm.clock(i, 0, t)
+                self._show_mates(n, heading, flip, row, table, at, now)
 
     @ti.func
     def _show_wind(self, wind, heading, flip, row, table: Template, at: Template):
@@ -208,25 +260,35 @@ class Observation:
         table[row, at + 2] = speed / (speed + HALF_SPEED)
 
     @ti.func
-    def _show_mates(self, n, heading, flip, row, table: Template, at: Template):
-        """Write for each teammate from the next robot on, from column `at`: whether the mate is in range, its relative
-        position and gas entry.
+    def _show_mates(self, n, heading, flip, row, table: Template, at: Template, t):
+        """Write the last messages of the nearest teammates from column `at`: age, relative position and gas entry;
+        zeros for a teammate not heard yet.
         """
         i = self.robot[n]
-        number = n % self.count
-        for m in ti.static(range(self.count - 1)):
-            other = n - number + (number + m + 1) % self.count
-            j = self.robot[other]
-            near = (self.swarm.position[i] - self.swarm.position[j]).norm() <= self.p.range[n]
-            there, place, gas = 0.0, ti.Vector([0.0, 0.0]), 0.0
-            if near:
-                apart = self.swarm.believed_position[j] - self.swarm.believed_position[i]
-                there, gas = 1.0, self.gas(other)
+        last, last_mate = -1.0, -1
+        for k in ti.static(range(self.mates)):
+            nearest, mate = FARTHEST, -1
+            for m in range(self.count):
+                if self.radio.has_heard(n, m):
+                    away = (self.radio.sender[n, m] - self.swarm.believed_position[i]).norm()
+                    if (away > last or (away == last and m > last_mate)) and away < nearest:
+                        nearest, mate = away, m
+            begin = ti.static(at + k * self.of_a_mate)
+            for c in ti.static(range(self.of_a_mate)):
+                table[row, begin + c] = 0.0
+            if mate >= 0:
+                apart = self.radio.sender[n, mate] - self.swarm.believed_position[i]
                 place = _in_frame(apart, heading, flip) / self.diagonal
-            begin = ti.static(at + m * len(OF_A_MATE))
-            table[row, begin], table[row, begin + 3] = there, gas
-            for d in ti.static(range(2)):
-                table[row, begin + 1 + d] = ti.math.clamp(place[d], -1.0, 1.0)
+                table[row, begin] = HALF_AGE / (HALF_AGE + t - self.radio.time[n, mate])
+                table[row, begin + self.of_a_mate - 1] = self.radio.value[n, mate]
+                for d in ti.static(range(2)):
+                    table[row, begin + 1 + d] = ti.math.clamp(place[d], -1.0, 1.0)
+                if ti.static(self.flies):
+                    above = self.radio.place[n, mate][0] - self.swarm.altitude[i]
+                    table[row, begin + 3] = ti.math.clamp(
+                        above / self.swarm.clearance.layers.ceiling, -1.0, 1.0
+                    )
+            last, last_mate = nearest, mate
 
 
 @ti.func

@@ -41,18 +41,30 @@ class PolicyAlgorithm:
     def act(self, tick: int, t: float, dt: float) -> None:
         since = tick - self.waits
         decides = since % self.ticks == 0
-        self._follow(dt, int(decides), since * dt, self.observations)
+        self._follow(tick, t, dt, int(decides), since * dt, self.observations)
         if decides:
             self.actions = self.network.act(self.observations, self.commands.size)
         self._command(int(decides), t, dt, self.actions)
 
     @ti.kernel
-    def _follow(self, dt: float, decides: int, elapsed: float, table: ti.types.ndarray(dtype=ti.f32, ndim=2)):
+    def _follow(
+        self,
+        tick: int,
+        t: float,
+        dt: float,
+        decides: int,
+        elapsed: float,
+        table: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    ):
         ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n in range(self.size):
             self.observation.follow(n, dt)
+            self.observation.send(n, tick)
+        ti.loop_config(serialize=ti.static(runs_serially(self.size)))
+        for n in range(self.size):
+            self.observation.receive(n, tick, t)
             if decides == 1:
-                self.observation.write(n, 1.0, n, table, elapsed)
+                self.observation.write(n, 1.0, n, table, elapsed, t)
 
     @ti.kernel
     def _command(self, decides: int, t: float, dt: float, actions: ti.types.ndarray(dtype=ti.f32, ndim=2)):

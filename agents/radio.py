@@ -66,21 +66,26 @@ class Radio:
         for m in range(self.p.count[n]):
             self.time[n, m] = NEVER
 
+    @ti.func
+    def receive(self, n, m, tick, t):
+        """Store the message that robot m of its team sends to robot n at time t [s], if in range and not lost."""
+        other = n - self.p.mate[n] + m
+        if m < self.p.count[n] and other != n and self.speaks[other] == 1:
+            i, j = self.robot[n], self.robot[other]
+            near = (self.swarm.position[i] - self.swarm.position[j]).norm() <= self.p.range[n]
+            key, number, now = self.swarm.counter(i, self.number[n], tick)
+            u = uniform4(key, self.p.radio[n], number, now, m)
+            if near and u[0] > self.p.loss[n]:
+                self.value[n, m], self.place[n, m] = self.said_value[other], self.said_place[other]
+                self.sender[n, m] = self.swarm.believed_position[j]
+                self.time[n, m] = t
+
     @ti.kernel
     def deliver(self, tick: int, t: float):
         """Deliver the messages queued in this step, at time t [s], to teammates in range; some are lost at random."""
         ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n, m in ti.ndrange(*self.value.shape):
-            other = n - self.p.mate[n] + m
-            if m < self.p.count[n] and other != n and self.speaks[other] == 1:
-                i, j = self.robot[n], self.robot[other]
-                near = (self.swarm.position[i] - self.swarm.position[j]).norm() <= self.p.range[n]
-                key, number, now = self.swarm.counter(i, self.number[n], tick)
-                u = uniform4(key, self.p.radio[n], number, now, m)
-                if near and u[0] > self.p.loss[n]:
-                    self.value[n, m], self.place[n, m] = self.said_value[other], self.said_place[other]
-                    self.sender[n, m] = self.swarm.believed_position[j]
-                    self.time[n, m] = t
+            self.receive(n, m, tick, t)
         ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n in range(self.size):
             self.speaks[n] = 0

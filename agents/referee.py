@@ -49,7 +49,8 @@ class Referee(Columns):
         """Return the position (2,) [m] of source s in the trial of robot i."""
         place = self.sources[s]
         if ti.static(self.apart):
-            place = self.episodes.sources[self.episodes.of(i), s]
+            there = self.episodes.sources[self.episodes.of(i), s]
+            place = ti.Vector([there[0], there[1]])
         return place
 
     @ti.func

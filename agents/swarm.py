@@ -94,7 +94,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         for name, value in BODY.items():
             setattr(self, name, ti.filled(self._each(value), ti.f32))
         self.places = any(group.algorithm.placed for group in groups)
-        self.key = ti.filled(seed, ti.u32)
+        self.key, self.seed = ti.filled(seed, ti.u32), seed
         self.walker_count, self.source_count = len(walkers), len(sources)
         if episodes is not None:
             self.source_count = episodes.most_sources
@@ -114,7 +114,6 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
             self.STATE = (*self.STATE, "camera")
         self._kept = Rows(self, [column for column in self.columns if column.key], 0, self.count)
         self._fields = [getattr(self, column.name) for column in self.columns]
-        self.seed = seed
         self._set_start(positions, headings, walkers)
 
     def _list_members(self) -> None:

@@ -17,17 +17,18 @@ class Trials:
 
     age: ticks of `tick` [s] since the start of the episode. goes: whether the trial takes part in this time step; other
     robots neither move nor sense. seed: two words of the trial; its episodes follow from them, numbered by `episode`.
-    key, salt: key and offset of the episode's random streams. side: -1 where the world is mirrored, else 1.
+    key, salt: key and offset of the episode's random streams. side: -1 where the world is mirrored, else 1. sources:
+    positions [m], of drones in space.
     """
 
     STATE = ("age", "goes", "seed", "episode", "key", "salt", "sources", "side")
 
-    def __init__(self, count: int, team: int, sources: int, tick: float):
+    def __init__(self, count: int, team: int, sources: int, tick: float, dim: int = 2):
         self.count, self.team, self.most_sources = count, team, max(1, sources)
         self.age, self.goes, self.episode = (ti.field(ti.i32, count) for _ in range(3))
         self.seed = ti.vector_field(2, ti.u32, count)
         self.key, self.salt = ti.field(ti.u32, count), ti.field(ti.u32, count)
-        self.sources = ti.filled_vectors(np.full((count, self.most_sources, 2), FAR))
+        self.sources = ti.filled_vectors(np.full((count, self.most_sources, dim), FAR))
         self.tick, self.side = tick, ti.field(ti.f32, count)
 
     @ti.func

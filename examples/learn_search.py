@@ -10,6 +10,9 @@ runs, and the policy in the environment), curves.png and comparison.png.
 Held out are the seeds, the flow realisations (other air seeds), and the source positions, which lie between and beyond
 the training positions. Both searches run as scenarios, with the same starts in the same flows, each alone. Casting uses
 the best of several thresholds in training flows, for a fair comparison.
+
+`--task configs/tasks/search_drone.yaml` trains a drone in space, in about 8 min. `--robots 3` trains a team that shares
+the parameters of one policy and observes the messages of its mates; a search of a team ends with its first success.
 """
 
 import argparse
@@ -32,20 +35,17 @@ from taichi_plume.envs import export_onnx, sb3_env
 from taichi_plume.envs.task import open_task
 from taichi_plume.files.bundled import path_of
 from taichi_plume.guard.terminal import say
-from taichi_plume.scenario.algorithms import Casting
+from taichi_plume.scenario.algorithms import Casting, Casting3D
+from taichi_plume.scenario.policy import Policy
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.trials import mean_with_interval, share_with_interval
 
 TASK = path_of("tasks/search_whiffs")
 THRESHOLDS = (0.5, 1.0, 2.0, 5.0)  # ppm, of casting
-HELD_OUT = (
-    (0.5, 0.9),
-    (0.5, 2.1),
-    (0.85, 1.5),
-    (0.9, 0.5),
-    (1.3, 0.9),
-    (1.3, 2.3),
-)  # source positions [m]
+HELD_OUT: dict[int, Any] = {
+    2: ((0.5, 0.9), (0.5, 2.1), (0.85, 1.5), (0.9, 0.5), (1.3, 0.9), (1.3, 2.3)),
+    3: ((0.5, 1.5, 1.1), (0.5, 0.8, 1.1), (1.0, 2.2, 0.6), (1.0, 1.5, 1.6), (1.0, 0.8, 1.1), (1.5, 1.5, 1.1)),
+}  # source positions [m] of 2-D and 3-D tasks
 LEAST_SPREAD = 0.02  # lower bound for nearly constant observations
 FAR = 1000  # offset of the held-out seeds from the training seeds
 
@@ -57,6 +57,10 @@ def main() -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     program.start("cpu")
     scenario, folder = open_task(args.task, args.set)
+    if args.robots > 1:
+        observed = json.dumps([*policy_of(scenario).observe, "mates"])
+        team = [f"robots.0.count={args.robots}", f"robots.0.algorithm.observe={observed}"]
+        scenario, folder = open_task(args.task, [*args.set, *team])
     path = args.out / "bank.zarr"
     begun = time.perf_counter()
     try:
@@ -74,6 +78,14 @@ def main() -> None:
         say(f"{name}: {words(result[name])}")
 
 
+def policy_of(scenario: Scenario) -> Policy:
+    """Return the policy of the learners. Raises ValueError without one."""
+    policy = scenario.learners.algorithm
+    if not isinstance(policy, Policy):
+        raise ValueError("the task's first group has no policy")
+    return policy
+
+
 def words(told: dict[str, Any]) -> str:
     """Return a result as one line of text."""
     share, times = told["success"], told["time_s"]
@@ -82,9 +94,11 @@ def words(told: dict[str, Any]) -> str:
         if share["mean"]
         else ""
     )
+    airs, censored = told["over_airs"], told["censored_time_s"]
     return (
-        f"{share['mean']:.1%} ({share['low']:.1%} to {share['high']:.1%}) of {share['n']} find the source{found}; "
-        f"{told['censored_time_s']:.1f} s including failures"
+        f"{share['mean']:.1%} of {share['n']} find the source (over {airs['n']} airs {airs['low']:.1%} to "
+        f"{airs['high']:.1%}){found}; {censored['mean']:.1f} s ({censored['low']:.1f} to {censored['high']:.1f} s) "
+        "including failures"
     )
 
 
@@ -150,7 +164,7 @@ def scales(envs: Any, steps: int = 100) -> dict[str, np.ndarray]:
 
 def learn(scenario: Scenario, bank: Any, args: argparse.Namespace) -> None:
     """Train by PPO; write policy.onnx and learning.json."""
-    envs = sb3_env(scenario, args.envs, bank=bank)
+    envs = sb3_env(scenario, args.envs // args.robots, team=args.robots > 1, bank=bank)
     envs.seed(args.seed)
     begun = time.perf_counter()
 
@@ -187,6 +201,7 @@ def learn(scenario: Scenario, bank: Any, args: argparse.Namespace) -> None:
         "seed": args.seed,
         "steps": model.num_timesteps,
         "wall_s": time.perf_counter() - begun,
+        "cpu_s": time.process_time(),
         "curve": progress.curve,
     }
     (args.out / "learning.json").write_text(json.dumps(told, indent=1))
@@ -199,22 +214,23 @@ def learn(scenario: Scenario, bank: Any, args: argparse.Namespace) -> None:
 def compare(scenario: Scenario, folder: Path, args: argparse.Namespace) -> dict[str, Any]:
     """Compare both searches in the same held-out scenarios, and the policy in the environment."""
     threshold = best_threshold(scenario, folder, args)
-    casting = Casting(kind="casting", threshold_ppm=threshold)
-    learners = scenario.learners
-    policy = learners.algorithm
-    if policy.kind != "policy":
-        raise ValueError("the task's first group has no policy")
-    policy = policy.model_copy(update={"file": "policy.onnx"})
-    result: dict[str, Any] = {"casting_threshold_ppm": threshold, "held_out_places": HELD_OUT}
+    casting, places = casting_of(scenario, threshold), HELD_OUT[scenario.domain.dim]
+    policy = policy_of(scenario).model_copy(update={"file": "policy.onnx"})
+    result: dict[str, Any] = {"casting_threshold_ppm": threshold, "held_out_places": places}
     for name, algorithm, at in (("policy", policy, args.out), ("casting", casting, folder)):
-        result[name] = runs(scenario, algorithm, at, HELD_OUT, FAR, args.airs, args.trials)
+        result[name] = runs(scenario, algorithm, at, places, FAR, args.airs, args.trials)
     result["environment"] = in_environment(scenario, folder, args)
     return result
 
 
-def alone(
-    scenario: Scenario, algorithm: Any, place: tuple[float, float], shift: int, trials: int
-) -> Scenario:
+def casting_of(scenario: Scenario, threshold: float) -> Casting | Casting3D:
+    """Return casting with a threshold [ppm], along the floor or for drones in space."""
+    if not scenario.learners.body.flies:
+        return Casting(kind="casting", threshold_ppm=threshold)
+    return Casting3D(kind="casting_3d", threshold_ppm=threshold)
+
+
+def alone(scenario: Scenario, algorithm: Any, place: tuple[float, ...], shift: int, trials: int) -> Scenario:
     """Scenario of a search for one source at a position, in the flow of another seed."""
     gas = scenario.gases[0][1]
     source = gas.sources[0].model_copy(update={"position": place})
@@ -243,35 +259,40 @@ def runs(
             else:
                 sim.reset(one)
             sim.run()
-            has = sim.swarm.found.to_numpy() > 0
+            ends = sim.swarm.found_time.to_numpy().reshape(trials, -1)
+            times.append(np.nan_to_num(ends, nan=one.duration).min(axis=1))
+            has = np.isfinite(ends).any(axis=1)
             found.append(has)
-            times.append(np.where(has, sim.swarm.found_time.to_numpy(), one.duration))
             by_run.append(
                 {"place": place, "air": k, "success": float(has.mean()), "time_s": float(times[-1].mean())}
             )
-    over_airs = mean_with_interval(np.array([one["success"] for one in by_run]))
-    return summary(np.concatenate(found), np.concatenate(times)) | {"over_airs": over_airs, "runs": by_run}
+    air = np.repeat(np.arange(len(found)), trials)
+    return summary(np.concatenate(found), np.concatenate(times), air) | {"runs": by_run}
 
 
-def summary(found: np.ndarray, times: np.ndarray) -> dict[str, Any]:
-    """Success with Wilson's interval, and times; in the censored time, a failure counts with the full duration."""
+def summary(found: np.ndarray, times: np.ndarray, air: np.ndarray) -> dict[str, Any]:
+    """Success with Wilson's interval, and times; in the censored time, a failure counts with the full duration.
+
+    air: number of the flow realisation of each search. Intervals of over_airs and of the censored time are those of the
+    means of the realisations, in which searches are alike.
+    """
+    alike = [air == n for n in np.unique(air)]
     return {
         "success": share_with_interval(int(found.sum()), len(found)),
+        "over_airs": mean_with_interval(np.array([found[one].mean() for one in alike]), most=1.0),
         "time_s": mean_with_interval(times[found]),
-        "censored_time_s": float(times.mean()),
+        "censored_time_s": mean_with_interval(np.array([times[one].mean() for one in alike])),
     }
 
 
 def best_threshold(scenario: Scenario, folder: Path, args: argparse.Namespace) -> float:
     """Threshold of casting with the shortest mean time in training flows and with training positions."""
-    places = [tuple(gas.sources[0].position[:2]) for _, gas in scenario.gases][::3]
+    places = [tuple(gas.sources[0].position) for _, gas in scenario.gases][::3]
     told = {
-        threshold: runs(
-            scenario, Casting(kind="casting", threshold_ppm=threshold), folder, places, 0, 2, args.trials
-        )
+        threshold: runs(scenario, casting_of(scenario, threshold), folder, places, 0, 2, args.trials)
         for threshold in THRESHOLDS
     }
-    return min(told, key=lambda threshold: told[threshold]["censored_time_s"])
+    return min(told, key=lambda threshold: told[threshold]["censored_time_s"]["mean"])
 
 
 def in_environment(scenario: Scenario, folder: Path, args: argparse.Namespace) -> dict[str, Any]:
@@ -281,7 +302,7 @@ def in_environment(scenario: Scenario, folder: Path, args: argparse.Namespace) -
     gas = scenario.gases[0][1]
     parts = tuple(
         gas.model_copy(update={"sources": (gas.sources[0].model_copy(update={"position": place}),)})
-        for place in HELD_OUT
+        for place in HELD_OUT[scenario.domain.dim]
     )
     held = scenario.model_copy(
         update={
@@ -290,22 +311,25 @@ def in_environment(scenario: Scenario, folder: Path, args: argparse.Namespace) -
             "task": scenario.task.model_copy(update={"airs": args.airs}),
         }
     )
-    envs = sb3_env(held, args.trials, bank=banks.record(held, folder))
+    envs = sb3_env(held, args.trials, team=args.robots > 1, bank=banks.record(held, folder))
     envs.seed(FAR)
     session = onnxruntime.InferenceSession(str(args.out / "policy.onnx"), providers=["CPUExecutionProvider"])
     seen, ended = envs.reset(), []
-    wanted = args.trials * args.airs * len(HELD_OUT)
-    per, count = wanted // args.trials, np.zeros(args.trials, int)
+    per, count = args.airs * len(parts), np.zeros(envs.num_envs, int)
     while (
         count.min() < per
     ):  # equal numbers of episodes per environment: otherwise short episodes would count more often
         seen, _, over, infos = envs.step(session.run(None, {"observation": seen})[0])
-        ended += [infos[e]["search"] for e in np.flatnonzero(over & (count < per))]
+        alone = (
+            over & (count < per) & (np.arange(len(over)) % args.robots == 0)
+        )  # a team's outcome counts once
+        ended += [infos[e]["search"] for e in np.flatnonzero(alone)]
         count += over
     envs.close()
     found = np.array([one["found"] for one in ended]) > 0
     times = np.array([one["time_s"] for one in ended])
-    return summary(found, np.where(found, times, scenario.task.episode))
+    airs = np.array([one["film"] * len(parts) + one["source"] for one in ended])
+    return summary(found, np.where(found, times, scenario.task.episode), airs)
 
 
 # ---------------------------------------------------------------- drawing
@@ -343,7 +367,7 @@ def draw(out: Path, result: dict[str, Any]) -> None:
     axes[0].set(ylabel="success, with Wilson's interval", ylim=(0, 1.05))
     axes[1].bar(
         names,
-        [result[name]["censored_time_s"] for name in names],
+        [result[name]["censored_time_s"]["mean"] for name in names],
         color=["tab:orange", "tab:blue", "tab:cyan"],
     )
     axes[1].set(ylabel="mean time, failures count in full [s]")
@@ -362,6 +386,7 @@ def _arguments() -> argparse.Namespace:
     )
     parser.add_argument("--minutes", type=float, default=5.0, help="training time")
     parser.add_argument("--envs", type=int, default=256, help="environments at once")
+    parser.add_argument("--robots", type=int, default=1, help="robots of a team, which shares the policy")
     parser.add_argument("--rollout", type=int, default=45, help="decisions per environment between updates")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=2, help="threads of torch")

@@ -1,7 +1,7 @@
 """Recorded flow realisations in memory: each environment of a learner plays a film, from any start time.
 
-The films are planes at the height of the sensors in half precision (11 bits: 0.05 %), interpolated linearly in time
-between frames and bilinearly in space over the cells that hold air.
+The films are planes at the height of the sensors, or volumes for drones, in half precision (11 bits: 0.05 %). They are
+interpolated linearly in time between frames, and bilinearly or trilinearly in space over the cells that hold air.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,11 +29,13 @@ class FilmBank:
         """count: number of environments; robots: robots of each environment; background: of species in clean air [ppm],
         by name, which adds to the recorded gas. bank: see envs/bank.py, with
 
-        values (films, frames, nx, ny, 2 + gases), float16: wind [m/s], and each gas in units of its scale; scale
-        (films, gases) [ppm]; air (2, nx, ny), rows WIND and GAS; spacing of the cells [m]; frame [s] between frames;
-        species of each gas.
+        values (films, frames, nx, ny, 2 + gases), of volumes (films, frames, nx, ny, nz, 2 + gases), float16: wind
+        along the floor [m/s], and each gas in units of its scale; scale (films, gases) [ppm]; air (2, nx, ny) or
+        (2, nx, ny, nz), rows WIND and GAS; spacing of the cells [m]; low: height of the lower end of a volume [m];
+        frame [s] between frames; species of each gas.
         """
-        self.films, self.frames, self.nx, self.ny, channels = bank.values.shape
+        self.films, self.frames, *cells, channels = bank.values.shape
+        self.cells, self.dim = tuple(cells), len(cells)
         self.gases, self.robots = channels - 2, robots
         self.species = tuple(dict.fromkeys(bank.species))
         self._which = tuple(self.species.index(species) for species in bank.species)
@@ -47,6 +49,8 @@ class FilmBank:
         self._scale = ti.filled(bank.scale if self.gases else np.zeros((self.films, 1)))
         self._frame, self._spacing = ti.filled(bank.frame, ti.f32), ti.filled(bank.spacing, ti.f32)
         self._values = ti.filled(bank.values, ti.f16)
+        if self.dim == 3:
+            self._low = ti.filled(bank.low, ti.f32)
 
     @ti.func
     def _moment(self, e):
@@ -57,33 +61,48 @@ class FilmBank:
 
     @ti.func
     def _corners(self, x: Template, row: ti.i32):
-        """Return the lowest of the four cells around point x [m], and the bilinear weights; 0 for cells without air."""
-        most = ti.Vector([self.nx, self.ny])
-        low, weights = ti.Vector([0, 0]), ti.Vector([0.0, 0.0, 0.0, 0.0])
-        part = ti.Vector([0.0, 0.0])
-        for d in ti.static(range(2)):
-            at = ti.math.clamp(x[d] / self._spacing[None] - 0.5, 0.0, most[d] - 1.0)
+        """Return the lowest of the cells around point x [m], and the weights of all; 0 for cells without air."""
+        most = ti.Vector(self.cells)
+        low, weights = ti.Vector.zero(ti.i32, self.dim), ti.Vector.zero(ti.f32, 2**self.dim)
+        part = ti.Vector.zero(ti.f32, self.dim)
+        for d in ti.static(range(self.dim)):
+            place = x[d]
+            if ti.static(d == 2):
+                place -= self._low[None]
+            at = ti.math.clamp(place / self._spacing[None] - 0.5, 0.0, most[d] - 1.0)
             low[d] = ti.min(ti.cast(at, ti.i32), ti.max(most[d] - 2, 0))
             part[d] = at - low[d]
         total = 0.0
-        for a, b in ti.static(ti.ndrange(2, 2)):
-            w = (part[0] if ti.static(a == 1) else 1.0 - part[0]) * (
-                part[1] if ti.static(b == 1) else 1.0 - part[1]
-            )
-            w *= self._air[row, ti.min(low[0] + a, self.nx - 1), ti.min(low[1] + b, self.ny - 1)]
-            weights[2 * a + b] = w
+        for k in ti.static(range(2**self.dim)):
+            w = 1.0
+            for d in ti.static(range(self.dim)):
+                w *= part[d] if ti.static(self._is_upper(k, d)) else 1.0 - part[d]
+            w *= self._air[row, self._corner(low, k)]
+            weights[k] = w
             total += w
         return low, weights / ti.max(total, 1e-6)
 
+    def _is_upper(self, k: int, d: int) -> int:
+        """Return 1 if corner k, of 2^dim corners, is at the upper end along axis d, else 0."""
+        return k >> (self.dim - 1 - d) & 1
+
+    @ti.func
+    def _corner(self, low, k: Template):
+        """Return the index of corner k of the cells whose lowest is `low`, within the film."""
+        I = low
+        for d in ti.static(range(self.dim)):
+            I[d] = ti.min(low[d] + ti.static(self._is_upper(k, d)), self.cells[d] - 1)
+        return I
+
     @ti.func
     def _value(self, film, n, share, low, weights, c):
-        """Return channel c of a film between frames n and n + 1 (weight `share`), interpolated from four cells."""
+        """Return channel c of a film between frames n and n + 1 (weight `share`), interpolated from its cells."""
         later, value = ti.min(n + 1, self.frames - 1), 0.0
-        for a, b in ti.static(ti.ndrange(2, 2)):
-            i, j = ti.min(low[0] + a, self.nx - 1), ti.min(low[1] + b, self.ny - 1)
-            now = ti.cast(self._values[film, n, i, j, c], ti.f32)
-            then = ti.cast(self._values[film, later, i, j, c], ti.f32)
-            value += weights[2 * a + b] * (now + share * (then - now))
+        for k in ti.static(range(2**self.dim)):
+            I = self._corner(low, k)
+            now = ti.cast(self._values[film, n, I, c], ti.f32)
+            then = ti.cast(self._values[film, later, I, c], ti.f32)
+            value += weights[k] * (now + share * (then - now))
         return value
 
     @ti.func
@@ -116,8 +135,8 @@ class FilmBank:
 
 
 def half(ppm: Sequence[np.ndarray] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return gas values (frames, nx, ny, gases) [ppm] over a scale, in half precision, and the scale (gases,) [ppm]."""
+    """Return gas values (frames, ..., gases) [ppm] over a scale, in half precision, and the scale (gases,) [ppm]."""
     values = np.asarray(ppm, np.float32)
-    top = np.abs(values).max(axis=(0, 1, 2), initial=0.0)
+    top = np.abs(values).max(axis=tuple(range(values.ndim - 1)), initial=0.0)
     scale = np.where(top > 0.0, top / TOP, 1.0).astype(np.float32)
     return (values / scale).astype(np.float16), scale

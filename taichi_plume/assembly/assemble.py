@@ -197,7 +197,7 @@ def ways(scenario: Scenario, resources: Resources, cubes: Cubes | None) -> tuple
     # algorithms of the floor see obstacles there or, with drones alone, at the altitudes of their starts
     groups = driving or flying
     base = min((group.start_altitude for group in groups), default=0.0)
-    top = max((group.start_altitude + group.body.height for group in groups), default=0.1)
+    top = max((group.start_highest + group.body.height for group in groups), default=0.1)
     clearance = ClearanceMap(shapes, floor.high, top - base, low=floor.low, base=base)
     low, high = base, top
     if flying:
@@ -324,7 +324,9 @@ def _starts(
         try:
             distance: Callable[..., np.ndarray] = clearance.distance_at
             if group.body.flies:
-                distance = partial(clearance.layers.distance_above, z=group.start_altitude)
+                distance = partial(
+                    clearance.layers.distance_above, low=group.start_altitude, high=group.start_highest
+                )
             where, heading = place(group, draws, distance, occupied)
         except ValueError as error:
             raise ScenarioError([f"robots[{n}].start: {error}"]) from None

@@ -45,7 +45,9 @@ def record(
     from taichi_plume.files.disk import require_room
 
     out, folder = out or Path(f"{prepared.scenario.name}_bank.zarr"), task.resolve().parent
-    bank.check(prepared.scenario)
+    _, size = bank.check(prepared.scenario)
+    if progress:
+        say(size, error=True)
     for warning in bank.warnings(prepared.scenario, folder, True) if progress else ():
         say(f"note: {warning}", error=True)
     if os.path.lexists(out):
@@ -56,11 +58,9 @@ def record(
     recorded = bank.record(prepared.scenario, folder, True, _print_progress if progress else None)
     recorded.write(out)
     if progress:
-        films, frames, nx, ny, channels = recorded.values.shape
-        say(
-            f"{out}: {films} films of {frames} frames, {recorded.frame:g} s apart, of {nx} x {ny} cells: wind and "
-            f"{channels - 2} gases, {recorded.values.nbytes / 1e6:.3g} MB in memory"
-        )
+        disk = sum(file.stat().st_size for file in out.rglob("*") if file.is_file())
+        sizes = f"{recorded.values.nbytes / 1e6:.3g} MB in memory, {disk / 1e6:.3g} MB on disk"
+        say(f"{out}: {recorded.films} films, {sizes}")
     return 0
 
 

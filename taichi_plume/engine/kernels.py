@@ -185,10 +185,13 @@ def _put_field(context: Any, n: int, field: ArrayField) -> None:
         context.set_struct_arg_uint((n, 1), field.flat.ctypes.data)
 
 
-def _put_array(context: Any, index: Any, value: np.ndarray) -> None:
-    if not value.flags.c_contiguous:
+def _put_array(context: Any, index: Any, value: Any) -> None:
+    """Set an argument that is a NumPy array or a tensor of torch."""
+    is_array = isinstance(value, np.ndarray)
+    if not (value.flags.c_contiguous if is_array else value.is_contiguous()):
         raise ValueError("an array argument of a kernel must be contiguous")
-    context.set_arg_external_array_with_shape(index, value.ctypes.data, value.nbytes, value.shape, 0)
+    pointer = value.ctypes.data if is_array else int(value.data_ptr())
+    context.set_arg_external_array_with_shape(index, pointer, value.nbytes, tuple(value.shape), 0)
 
 
 def _argument_setter(kind: Any, n: int) -> Callable[[Any, Any, Any], None]:

@@ -56,16 +56,22 @@ def parallel_env(
 
 
 def sb3_env(
-    scenario: "Given", num_envs: int, render_mode: str | None = None, **options: "Unpack[Options]"
+    scenario: "Given",
+    num_envs: int,
+    render_mode: str | None = None,
+    team: bool = False,
+    **options: "Unpack[Options]",
 ) -> "SearchVecEnv":
     """Return an environment for stable-baselines3 (VecEnv) with `num_envs` trials at once, see `SearchVecEnv`.
+
+    team: whether each trial has all robots of the group, which share the policy.
 
     Raises ImportError with a one-line message if stable-baselines3 is missing, and ValueError.
     """
     _require("stable_baselines3")
     from taichi_plume.envs.sb3 import SearchVecEnv
 
-    return SearchVecEnv(scenario, num_envs, render_mode, **options)
+    return SearchVecEnv(scenario, num_envs, render_mode, team, **options)
 
 
 def export_onnx(policy: Any, path: "Path | str", entries: int | None = None) -> "Path":

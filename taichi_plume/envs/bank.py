@@ -1,6 +1,8 @@
 """Bank of recorded flow and gas for reinforcement learning, solved once per scenario; see solvers/film_bank.py.
 
-On disk a bank is a zarr group. A hash of all that affects the recorded flow realisations identifies the scenario.
+Films hold planes at the heights of the sensors, or for drones volumes: means over the air of blocks of `task.spacing`,
+between `task.heights`. On disk a bank is a zarr group. A hash of all that affects the recorded flow realisations
+identifies the scenario.
 """
 
 import hashlib
@@ -8,7 +10,7 @@ import json
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from math import ceil
+from math import ceil, prod
 from pathlib import Path
 from typing import Any
 
@@ -37,9 +39,10 @@ MOST = 2**31 - 1  # most elements of a field, as Taichi's indices have 32 bits
 
 @dataclass(frozen=True)
 class Bank:
-    """Recordings (films) of a scenario's flow realisations, all of equal length; values, scale, air: see `FilmBank`.
+    """Recordings (films) of a scenario's flow realisations, all of equal length.
 
-    sources: source positions of each gas in each film [m], (sources, 2); key: hash of all that affects the films.
+    values, scale, air, low: see `FilmBank`. sources: source positions of each gas in each film [m], (sources, 2), of
+    volumes (sources, 3); key: hash of all that affects the films.
     """
 
     values: np.ndarray
@@ -50,6 +53,7 @@ class Bank:
     species: tuple[Species, ...]
     sources: tuple[tuple[np.ndarray, ...], ...]
     key: str
+    low: float = 0.0
 
     @property
     def films(self) -> int:
@@ -69,18 +73,25 @@ class Bank:
         if os.path.lexists(path):
             require_bank(path)
         disk.require_room(path.parent / path.name, self.values.nbytes)
-        about = {"format": FORMAT, "key": self.key, "spacing": self.spacing, "frame": self.frame}
+        about = {
+            "format": FORMAT,
+            "key": self.key,
+            "spacing": self.spacing,
+            "frame": self.frame,
+            "low": self.low,
+        }
         about["species"] = json.dumps([asdict(species) for species in self.species])
         about["sources"] = json.dumps([[places.tolist() for places in film] for film in self.sources])
         part = disk.new_folder_beside(path)
         try:
             group = zarr_groups.create(part, about)
             chunk = (1, min(16, self.values.shape[1]), *self.values.shape[2:])
-            names = ("film", "time", "x", "y", "channel")
+            axes = ("x", "y", "z")[: self.air.ndim - 1]
+            names = ("film", "time", *axes, "channel")
             units = {"units": "m s-1 for channels 0 and 1, scale ppm for the others"}
             zarr_groups.add(group, "values", names, self.values, units, chunk)
             zarr_groups.add(group, "scale", ("film", "gas"), self.scale, {"units": "ppm"})
-            zarr_groups.add(group, "air", ("sensor", "x", "y"), self.air, {})
+            zarr_groups.add(group, "air", ("sensor", *axes), self.air, {})
             zarr_groups.consolidate(part)
             disk.discard(path)
             part.rename(path)
@@ -116,16 +127,22 @@ def read(path: Path) -> Bank:
         zarr_groups.require_memory(arrays)
         values, scale, air = (arrays[name][...] for name in ARRAYS)
         species = tuple(Species(**keys) for keys in json.loads(about["species"]))
+        dim = air.ndim - 1
         sources = tuple(
-            tuple(np.array(places, float).reshape(-1, 2) for places in film)
+            tuple(np.array(places, float).reshape(-1, dim) for places in film)
             for film in json.loads(about["sources"])
         )
-        spacing, frame = float(about["spacing"]), float(about["frame"])
-        bank = Bank(values, scale, air, spacing, frame, species, sources, str(about["key"]))
-        films, _, nx, ny, channels = bank.values.shape
+        spacing, frame, low = (float(about.get(name, 0.0)) for name in ("spacing", "frame", "low"))
+        bank = Bank(values, scale, air, spacing, frame, species, sources, str(about["key"]), low)
+        films, _, *cells, channels = bank.values.shape
         gases = channels - 2
         fits = bank.values.dtype == np.float16 and bank.scale.shape == (films, gases)
-        fits &= bank.air.shape == (2, nx, ny) and len(bank.species) == gases and bank.frame > 0 < bank.spacing
+        fits &= (
+            bank.air.shape == (2, *cells)
+            and dim in (2, 3)
+            and len(bank.species) == gases
+            and bank.frame > 0 < bank.spacing
+        )
         fits &= len(bank.sources) == films and all(len(film) == gases for film in bank.sources)
         if not (fits and np.isfinite(bank.values).all() and np.isfinite(bank.scale).all()):
             raise ValueError("the arrays do not fit each other")
@@ -186,16 +203,32 @@ def key_of(scenario: Scenario, folder: Path) -> str:
     for air in airs(scenario):
         files = checks.prepared(air).resources.files
         ids.append(digests.ids(air, files).air_of(air.seed, air.seed_of_air))
-    text = json.dumps([ids, f"{frame_of(scenario):.12g}", [f"{h:.12g}" for h in heights(scenario)]])
+    _, coarse, layers = layout(scenario)
+    coarser = [[coarse, layers]] if layers or coarse > 1 else []
+    text = json.dumps([ids, f"{frame_of(scenario):.12g}", [f"{h:.12g}" for h in heights(scenario)], *coarser])
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def heights(scenario: Scenario) -> tuple[float, ...]:
-    """Return the heights [m] of the learning robots' anemometer and first gas sensor; none in 2-D."""
-    if scenario.domain.dim == 2:
+    """Return the heights [m] of the learning robots' anemometer and first gas sensor; none in 2-D and for drones."""
+    if scenario.domain.dim == 2 or scenario.learners.body.flies:
         return ()
     sensors = scenario.learners.sensors
     return sensors.wind.height, sensors.nose.height
+
+
+def layout(scenario: Scenario) -> tuple[tuple[int, ...], int, tuple[int, int] | None]:
+    """Return the cells of a film along each axis, the edge of these cells in cells of the domain, and for drones the
+    first layer of the domain in the film and the one behind the last.
+    """
+    domain, task = scenario.domain, scenario.task
+    shape, layers = domain.shape[:2], None
+    if scenario.learners.body.flies:
+        low, high = task.heights or (0.0, domain.extent[2])
+        layers = int(low / domain.spacing + 1e-9), ceil(high / domain.spacing - 1e-9)
+        shape = *shape, layers[1] - layers[0]
+    coarse = max(1, round(task.spacing / domain.spacing)) if task.spacing else 1
+    return tuple(-(-n // coarse) for n in shape), coarse, layers
 
 
 def bank_of(
@@ -225,15 +258,16 @@ def record(
     allow_outside: bool = False,
     tell: Callable[[int, int], object] | None = None,
 ) -> Bank:
-    """Simulate all flow realisations of a scenario; return wind and gas at sensor height. Taichi must be running.
+    """Simulate all flow realisations of a scenario; return wind and gas where robots sense. Taichi must be running.
 
     tell: called with the numbers of finished and of all films. Raises ScenarioError for a faulty scenario, ValueError
     if the bank does not fit into memory, UnstableError.
     """
     from taichi_plume.assembly.assemble import build
 
-    scenarios, frames = airs(scenario), check(scenario)
-    count = len(scenarios)
+    scenarios, (frames, _) = airs(scenario), check(scenario)
+    count, (_, coarse, layers) = len(scenarios), layout(scenario)
+    spacing, low = scenario.domain.spacing, (layers or (0,))[0] * scenario.domain.spacing
     sim: TimeLoop | None = None
     places: list[tuple[np.ndarray, ...]] = []
     species: Any = ()
@@ -245,7 +279,7 @@ def record(
             sim = build(checked(current, folder, allow_outside))
         else:
             sim.reset(current)
-        filming = _Filming(sim, frame_of(scenario), frames, heights(scenario))
+        filming = _Filming(sim, frame_of(scenario), frames, heights(scenario), coarse, layers)
         sim.run()
         mixed = tuple(gas.species for gas in sim.gas.gases)
         if n and (mixed != species or not np.array_equal(filming.air, air)):
@@ -257,55 +291,71 @@ def record(
         values[n, ..., :2], values[n, ..., 2:] = filming.values[..., :2], gases
         scales.append(scale)
         places.append(
-            tuple(np.array([s.position[:2] for s in gas.sources], float) for _, gas in sim.scenario.gases)
+            tuple(
+                np.array([s.position[: air.ndim - 1] for s in gas.sources], float)
+                for _, gas in sim.scenario.gases
+            )
         )
     if tell is not None:
         tell(count, count)
-    spacing, frame, key = scenario.domain.spacing, frame_of(scenario), key_of(scenario, folder)
-    return Bank(values, np.stack(scales), air, spacing, frame, species, tuple(places), key)
+    frame, key = frame_of(scenario), key_of(scenario, folder)
+    return Bank(
+        values, np.stack(scales), air, coarse * spacing, frame, species, tuple(places), key, float(low)
+    )
 
 
-def check(scenario: Scenario) -> int:
-    """Return the number of frames in each recording of a bank for this scenario.
+def check(scenario: Scenario) -> tuple[int, str]:
+    """Return the number of frames in each recording of a bank for this scenario, and the bank's size in words.
 
     Raises ValueError if the films do not fit into memory, ScenarioError as `require_parted` does.
     """
     require_parted(scenario)
     scenarios = airs(scenario)
     films, frames = len(scenarios), 1 + round(scenarios[0].duration / frame_of(scenario))
-    nx, ny = scenario.domain.shape[:2]
-    count = films * frames * nx * ny * (2 + len(scenario.gases))
+    cells, channels = layout(scenario)[0], 2 + len(scenario.gases)
+    count = films * frames * prod(cells) * channels
     # half precision on host and device, and one film in single precision during recording
     needed, free = 2 * 2 * count + 4 * count // films, psutil.virtual_memory().available
-    what = f"task: {films} films of {frames} frames of {nx} x {ny} cells"
-    fewer = "lower task.airs or task.film, or raise task.frame or domain.spacing"
+    what = f"task: {films} films of {frames} frames of {' x '.join(map(str, cells))} cells"
+    narrower = ", narrow task.heights" if len(cells) == 3 else ""
+    fewer = f"lower task.airs or task.film{narrower}, or raise task.frame or task.spacing"
     if count > MOST:
         raise InputError(f"{what} are {count:.3g} numbers, at most {MOST:.3g} are possible; {fewer}")
     if needed > free:
         raise InputError(
             f"{what} need {needed / 1e9:.3g} GB of memory, {free / 1e9:.3g} GB are free; {fewer}"
         )
-    return frames
+    size = f"{2e-6 * count:.3g} MB in memory, and at most as much on disk"
+    return frames, f"{what}, wind and {channels - 2} gases, {frame_of(scenario):g} s apart: {size}"
 
 
 class _Filming:
-    """Observer that records wind and gas of a simulation at the sensors' heights, frame by frame.
+    """Observer that records wind and gas of a simulation where robots sense, frame by frame.
 
-    values: (frames, nx, ny, 2 + gases), wind [m/s] and gases [ppm]; air (2, nx, ny).
+    values: (frames, nx, ny, 2 + gases), of volumes (frames, nx, ny, nz, 2 + gases), wind [m/s] and gases [ppm]; air
+    (2, nx, ny) or (2, nx, ny, nz). coarse: edge of the film's cells in cells of the grid; layers: see `layout`.
     """
 
-    def __init__(self, sim: TimeLoop, frame: float, frames: int, heights: tuple[float, ...]):
-        self.grid, shape = sim.grid, sim.grid.shape[:2]
+    def __init__(
+        self,
+        sim: TimeLoop,
+        frame: float,
+        frames: int,
+        heights: tuple[float, ...],
+        coarse: int = 1,
+        layers: tuple[int, int] | None = None,
+    ):
+        self.coarse, self.part = coarse, (...,) if layers is None else (..., slice(*layers))
         self.levels = [_levels(sim.grid.shape[2], h / sim.grid.dx) for h in heights]
-        centers = sim.grid.centers() if not heights else sim.grid.centers()[:, :, 0]
+        centers = sim.grid.centers()[:, :, 0] if heights else sim.grid.centers()[(*self.part, slice(None))]
         self.points = [centers.copy(), centers.copy()]
         for points, h in zip(self.points, heights, strict=False):
             points[..., 2] = h
-        solid = np.asarray(sim.air.solid)
+        solid = np.asarray(sim.air.solid)[self.part]
         self.solid = [solid, solid] if not heights else [solid[:, :, k].all(axis=2) for k, _ in self.levels]
-        self.air = ~np.stack(self.solid)
-        self.whole = ~solid
-        self.values = np.zeros((frames, *shape, 2 + len(sim.gas.gases)), np.float32)
+        self.fine, self.whole = ~np.stack(self.solid), ~solid
+        self.air = self._blocks(self.fine.astype(float), 1) > 0.0
+        self.values = np.zeros((frames, *self.air.shape[1:], 2 + len(sim.gas.gases)), np.float32)
         self.count = 0
         sim.observers.append(Every(frame, self.keep))
 
@@ -314,18 +364,31 @@ class _Filming:
         if self.count >= len(self.values):
             return
         frame = self.values[self.count]
+        if self.coarse > 1:
+            frame = np.zeros((*self.fine.shape[1:], frame.shape[-1]), np.float32)
         frame[..., :2] = velocity_at(sim.wind, self.points[0], sim.t)[..., :2]
         for g, gas in enumerate(sim.gas.gases):
             cells = gas.cells(sim.t)
             if cells is None:
                 density = concentration_at(gas, self.points[1], sim.t)
             elif not self.levels:
-                density = cells
+                density = cells[self.part]
             else:
                 density = _at_height(cells, self.whole, *self.levels[1])
             frame[..., 2 + g] = density * gas.species.ppm_per_density
-        frame[~self.air[1], 2:] = 0.0
+        frame[~self.fine[1], 2:] = 0.0
+        if self.coarse > 1:
+            for row, channels in enumerate((slice(0, 2), slice(2, None))):
+                air = self.fine[row, ..., None].astype(np.float32)
+                mean = self._blocks(air * frame[..., channels], 0) / np.maximum(self._blocks(air, 0), 1.0)
+                self.values[self.count, ..., channels] = mean
         self.count += 1
+
+    def _blocks(self, values: np.ndarray, first: int) -> np.ndarray:
+        """Return the sums of values over blocks of `coarse` cells along each axis of space, from axis `first` on."""
+        for axis in range(first, first + self.fine.ndim - 1):
+            values = np.add.reduceat(values, np.arange(0, values.shape[axis], self.coarse), axis=axis)
+        return values
 
 
 def _levels(n: int, at: float) -> tuple[list[int], list[float]]:

@@ -126,18 +126,22 @@ class Episodes:
         tick, bank = scenario.tick, bank or record(scenario, folder, True)
         self.bank, films = bank, FilmBank(bank, count, robots, scenario.backgrounds)
         most = max(sum(len(places) for places in film) for film in bank.sources)
-        trials = Trials(count, robots, most, tick)
+        dim = films.dim
+        trials = Trials(count, robots, most, tick, dim)
         starts = Starts(group, _places(scenario, group, clearance))
         rows = np.arange(count) % len(starts.fallback)
         poses = starts.fallback[rows].reshape(-1, 2), np.zeros(count * robots)
         known = {"episodes": trials, "background": films.has_background}
         swarm = Swarm([group], *poses, clearance, np.empty((0, 2)), scenario.seed, **known)
-        self.swarm, self.sensors = swarm, Sensors(swarm, 2, tick, films.species, background=films.background)
+        self.swarm, self.sensors = (
+            swarm,
+            Sensors(swarm, dim, tick, films.species, background=films.background),
+        )
         members = Members(swarm, (0,))
         self.observation, self.commands = Observation(swarm, members, tick), Commands(swarm, members, tick)
         ticks = group.algorithm.ticks(tick)
         self.step_s, self.action_size = ticks * tick, self.commands.size
-        self.action_names = action_names(self.observation.model)
+        self.action_names = action_names(group)
         self.most_steps = max(1, ceil(scenario.task.episode / self.step_s - 1e-6))
         self.names, self.low, self.high = self.observation.names, self.observation.low, self.observation.high
         self.kernel = StepKernel(self, films, bank, starts, ticks)
@@ -263,6 +267,10 @@ class Episodes:
     def read_truth(self) -> dict[str, Array]:
         """Return the true state of the robots by key, see `Truth`; tensors if the engine's arrays are."""
         return {key: self._given(value) for key, value in self._truth.read().items()}
+
+    def state(self) -> np.ndarray:
+        """Return the global state of each environment for centralised training, see `Truth.state`."""
+        return self._truth.state()
 
     def _run(self) -> None:
         self._side = 1 - self._side

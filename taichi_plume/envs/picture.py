@@ -29,14 +29,15 @@ def picture(episodes: "Episodes", e: int) -> np.ndarray:
     top = max(float(np.max(bank.scale[film], initial=0.0)) * 2.0**15, 1e-30)
     strength = np.clip(1.0 + np.log10(np.maximum(ppm / top, 1e-30)) / DECADES, 0.0, 1.0)
     colors = 255.0 + strength[..., None] * (GAS - 255.0)
-    colors[~bank.air[1]] = WALL
+    air = bank.air[1].reshape(*ppm.shape, -1).any(axis=2)
+    colors[~air] = WALL
     n = max(1, round(EDGE / max(ppm.shape)))
     image = np.repeat(np.repeat(colors, n, axis=0), n, axis=1)
     dx = bank.spacing / n
     centers = (np.indices(image.shape[:2]).transpose(1, 2, 0) + 0.5) * dx
     for g, places in enumerate(bank.sources[film]):
         for place in places if gas in (-1, g) else ():
-            away = np.abs(centers - place)
+            away = np.abs(centers - place[:2])
             image[(away.min(axis=2) < 1.5 * dx) & (away.max(axis=2) < 6 * dx)] = SOURCE
     swarm = episodes.swarm
     for i in range(e * episodes.robots, (e + 1) * episodes.robots):
@@ -45,10 +46,14 @@ def picture(episodes: "Episodes", e: int) -> np.ndarray:
 
 
 def _gas(bank: "Bank", film: int, gas: int, t: float) -> np.ndarray:
-    """Return ppm (nx, ny) of all gases (gas < 0) or of one gas, at the frame nearest to time t [s] of a film."""
+    """Return ppm (nx, ny) of all gases (gas < 0) or of one gas, at the frame nearest to time t [s] of a film.
+
+    Of a volume, the largest value over the height.
+    """
     frame = min(round(t / bank.frame), bank.values.shape[1] - 1)
     ppm = bank.values[film, frame, ..., 2:].astype(np.float32) * bank.scale[film]
-    return ppm.sum(axis=2) if gas < 0 else ppm[..., gas]
+    ppm = ppm.sum(axis=-1) if gas < 0 else ppm[..., gas]
+    return ppm.reshape(*ppm.shape[:2], -1).max(axis=2)
 
 
 def _robot(image: np.ndarray, centers: np.ndarray, dx: float, swarm: "Swarm", i: int) -> None:

@@ -17,6 +17,9 @@ from taichi_plume.envs.task import Environment, Given, Options, actions_of, outc
 class SearchVecEnv(VecEnv, Environment):
     """VecEnv of stable-baselines3 with `num_envs` environments of a scenario; options as for `SearchEnv`.
 
+    With `team` each is a team of all robots of the group, and each robot counts as an environment of the VecEnv: the
+    robots share one policy (parameter sharing), and their episodes end at once.
+
     `infos` of an ended episode: ``episode`` (r, l, t: return, decisions and time [s]), ``search`` (outcome of the
     episode, by the keys INFO of envs/step_kernel.py), ``terminal_observation`` and ``TimeLimit.truncated``. With
     `truth`, every info has ``truth``, and that of an ended episode ``terminal_truth``, the true state at its end.
@@ -27,18 +30,19 @@ class SearchVecEnv(VecEnv, Environment):
         scenario: Given,
         num_envs: int = 1,
         render_mode: str | None = None,
+        team: bool = False,
         **options: Unpack[Options],
     ):
-        episodes = self._open(scenario, num_envs, 1, render_mode, "same_step", **options)
+        episodes = self._open(scenario, num_envs, None if team else 1, render_mode, "same_step", **options)
         self._random = np.random.default_rng()
         self._actions = np.empty(0, np.float32)
         self._lengths = np.zeros(num_envs, int)
-        super().__init__(num_envs, *spaces(episodes))
+        super().__init__(num_envs * episodes.robots, *spaces(episodes))
 
     def reset(self) -> np.ndarray:
         """Begin the first episodes of the seeds set by `seed`, else the next episodes; return the observations."""
         given = any(seed is not None for seed in self._seeds)
-        self._begin(self._seeds if given else None, self._random)
+        self._begin(self._seeds[:: self.episodes.robots] if given else None, self._random)
         self._lengths[:] = 0
         self._reset_seeds()
         self._reset_options()
@@ -54,20 +58,21 @@ class SearchVecEnv(VecEnv, Environment):
         episodes = self.episodes
         episodes.step(self._actions)
         terminated, truncated = episodes.terminated.copy(), episodes.truncated.copy()
-        over = terminated | truncated
+        over, robots = terminated | truncated, episodes.robots
         self._lengths += 1
-        infos: list[dict[str, Any]] = [truth_of(episodes.truth, e) for e in range(self.num_envs)]
-        for e in np.flatnonzero(over).tolist():
+        infos: list[dict[str, Any]] = [truth_of(episodes.truth, i) for i in range(self.num_envs)]
+        rows = np.flatnonzero(np.repeat(over, robots)).tolist()
+        for i, e in ((i, i // robots) for i in rows):
             went = outcome(episodes, e)
-            infos[e] |= {
+            infos[i] |= {
                 "episode": {"r": went["return"], "l": int(self._lengths[e]), "t": went["time_s"]},
                 "search": went,
-                "terminal_observation": episodes.final_observations[e].copy(),
+                "terminal_observation": episodes.final_observations[i].copy(),
                 "TimeLimit.truncated": bool(truncated[e] and not terminated[e]),
-                **{f"terminal_{key}": value for key, value in truth_of(episodes.final_truth, e).items()},
+                **{f"terminal_{key}": value for key, value in truth_of(episodes.final_truth, i).items()},
             }
         self._lengths[over] = 0
-        return episodes.observations.copy(), episodes.rewards.copy(), over, infos
+        return episodes.observations.copy(), episodes.rewards.copy(), np.repeat(over, robots), infos
 
     def close(self) -> None:
         """Close the environments and release their engine."""
@@ -75,7 +80,7 @@ class SearchVecEnv(VecEnv, Environment):
 
     def get_images(self) -> list[np.ndarray | None]:
         """Return an image of each environment from above, (height, width, 3)."""
-        return [picture(self.episodes, e) for e in range(self.num_envs)]
+        return [picture(self.episodes, i // self.episodes.robots) for i in range(self.num_envs)]
 
     def get_attr(self, attr_name: str, indices: object = None) -> list[object]:
         """Return an attribute for each selected environment; the value is the same for all."""

@@ -43,6 +43,7 @@ class Starts:
         self.drawn = isinstance(start, StartArea)
         low, high = (start.low, start.high) if isinstance(start, StartArea) else ((0.0, 0.0), (0.0, 0.0))
         looks = start.heading_deg
+        self.rises = group.start_highest > group.start_altitude
         self.numbers = {
             "low_x": low[0],
             "low_y": low[1],
@@ -50,6 +51,8 @@ class Starts:
             "wide_y": high[1] - low[1],
             "looks": 0.0 if looks is None else np.radians(looks),
             "turns": 2.0 * np.pi if looks is None else 0.0,
+            "lowest": group.start_altitude,
+            "rise": group.start_highest - group.start_altitude,
         }
 
 
@@ -64,6 +67,7 @@ class StepKernel:
         self.nose, self.vane = of.sensors.noses[0], of.sensors.vanes[0]
         self.trials = of.swarm.episodes
         self.count, self.robots, self.drawn = of.count, of.robots, starts.drawn
+        self.dim, self.rises = films.dim, starts.rises
         self.strip, self.teams = of.sensors.strip, len(starts.fallback)
         self.ticks, self.dt, self.begun = ticks, of.scenario.tick, False
         self.mirror, self.steps = ti.field(ti.i32, of.count), ti.field(ti.i32, of.count)
@@ -88,7 +92,7 @@ class StepKernel:
     def _list_sources(self, bank: "Bank", single: bool) -> None:
         """Fill place[film, s] [m] and gas[film, s] of the sources, and `choice`, the gases that an episode may have."""
         most = self.trials.most_sources
-        places, of_gas = np.full((bank.films, most, 2), FAR), np.full((bank.films, most), -2)
+        places, of_gas = np.full((bank.films, most, self.dim), FAR), np.full((bank.films, most), -2)
         for f, film in enumerate(bank.sources):
             counts = [len(sources) for sources in film]
             if any(counts):
@@ -192,6 +196,9 @@ class StepKernel:
                 if self.trials.goes[e] == 1:
                     for i in range(e * self.robots, (e + 1) * self.robots):
                         self.observation.follow(i, dt)
+                        self.observation.send(i, 0)
+                    for i in range(e * self.robots, (e + 1) * self.robots):
+                        self.observation.receive(i, 0, 0.0)
 
     @ti.func
     def _come_in(self, e, side, flags: Template, table: Template, outcomes: Template):
@@ -267,7 +274,11 @@ class StepKernel:
         """
         near = FAR
         for s in range(self.swarm.source_count):
-            near = ti.min(near, (self.swarm.position[i] - self.swarm.source(i, s)).norm())
+            apart = (self.swarm.position[i] - self.swarm.source(i, s)).norm()
+            if ti.static(self.dim == 3):
+                above = self.swarm.middle_over(i, s)
+                apart = ti.sqrt(apart * apart + above * above)
+            near = ti.min(near, apart)
         bumps, false = self.swarm.bumps[i], self.swarm.false_declarations[i]
         return ti.Vector([self.swarm.path_length[i], ti.cast(bumps, ti.f32), ti.cast(false, ti.f32), near])
 
@@ -291,12 +302,14 @@ class StepKernel:
         self.steps[e], self.total[e] = 0, 0.0
         for s in range(self.swarm.source_count):
             there = gas < 0 or self.gas[film, s] == gas
-            self.trials.sources[e, s] = ti.select(there, self.place[film, s], ti.Vector([FAR, FAR]))
+            self.trials.sources[e, s] = ti.select(there, self.place[film, s], ti.Vector([FAR] * self.dim))
         self._put(e)
         for i in range(e * self.robots, (e + 1) * self.robots):
             v = self._uniform(e, LOOK, i - e * self.robots)
             heading = self.n.looks[None] + (v[0] - 0.5) * self.n.turns[None]
             self.swarm.renew(i, self.swarm.position[i], heading)
+            if ti.static(self.rises):
+                self.swarm.altitude[i] = self.n.lowest[None] + v[1] * self.n.rise[None]
             # unless each episode has its own sensor units, those of the first episode
             episode = self.trials.episode[e] * ti.cast(self.n.units[None], ti.i32)
             self.sensors.renew(i, _uniform(self.trials.draw(e, episode, UNIT, i - e * self.robots))[0])

@@ -86,9 +86,6 @@ def require_task(scenario: Scenario) -> None:
     if group.found == "declared" and not group.algorithm.may_declare:
         what = "never declares, so no search can succeed; give algorithm: {kind: policy, declares: true}"
         raise ScenarioError([f"robots: group '{name}' has found: declared, but its policy {what}"])
-    if group.body.flies:
-        what = f"has the body of a {group.body.kind}, which flies; use a robot that stays on the floor"
-        raise ScenarioError([f"robots: group '{name}' {what}"])
     if group.sensors.range is not None:
         raise ScenarioError([f"robots: sensors.range of '{name}': environments do not support range sensors"])
     for path, sensor in group.sensors.placed():

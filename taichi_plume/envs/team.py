@@ -3,7 +3,7 @@
 from typing import ClassVar, Unpack
 
 import numpy as np
-from gymnasium.spaces import Space
+from gymnasium.spaces import Box, Space
 from pettingzoo import ParallelEnv
 
 from taichi_plume.envs.search import spaces
@@ -23,7 +23,8 @@ from taichi_plume.guard.terminal import visible
 class TeamEnv(Environment, ParallelEnv[str, np.ndarray, np.ndarray]):
     """PettingZoo environment in which a team searches: a group's robots are the agents robot_0, robot_1 ...
 
-    The episode ends for all agents at once. Otherwise as `SearchEnv`. Raises ValueError with a line for each fault.
+    The episode ends for all agents at once. `state` is the global state for centralised training, within `state_space`.
+    Otherwise as `SearchEnv`. Raises ValueError with a line for each fault.
     """
 
     metadata: ClassVar[dict[str, object]] = {  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -42,6 +43,12 @@ class TeamEnv(Environment, ParallelEnv[str, np.ndarray, np.ndarray]):
         }  # each draws its own random numbers
         self.observation_spaces = {agent: pair[0] for agent, pair in several.items()}
         self.action_spaces = {agent: pair[1] for agent, pair in several.items()}
+        size = episodes.state().shape[1]
+        self.state_space = Box(-1.0, 1.0, (size,), np.float32)
+
+    def state(self) -> np.ndarray:
+        """Return the present poses and readings of all robots with the nearest source, see `Truth.state`."""
+        return self.episodes.state()[0]
 
     def observation_space(self, agent: str) -> Space[np.ndarray]:
         """Return the observation space of an agent."""

@@ -47,9 +47,10 @@ class Layers(HorizontalDistances):
             k += ti.cast(z >= self.levels[n], ti.i32)
         return k
 
-    def distance_above(self, points: np.ndarray, z: float) -> np.ndarray:
-        """Return the clearance [m] of points (..., 2) at the altitude z [m], as `distance` but on the host."""
-        return self.distance_at(points, int(np.searchsorted(self._levels, z, side="right")) - 1)
+    def distance_above(self, points: np.ndarray, low: float, high: float) -> np.ndarray:
+        """Return the least clearance [m] of points (..., 2) at altitudes from low to high [m], on the host."""
+        first, last = np.searchsorted(self._levels, (low, high), side="right") - 1
+        return np.min([self.distance_at(points, k) for k in range(first, last + 1)], axis=0)
 
 
 def levels(shapes: list[Shape], ceiling: float, body_height: float) -> np.ndarray:

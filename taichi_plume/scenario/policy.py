@@ -23,6 +23,7 @@ Entry = Literal[
     "bumper",
     "heading",
     "position",
+    "height",
     "action",
     "clock",
     "mates",
@@ -39,7 +40,7 @@ class Policy(AnyAlgorithm):
     """ONNX file of the network, relative to the scenario's folder: from an observation to an action. Unless given, the
     policy is still to be learnt: environments of `taichi_plume.envs` can be made of the scenario, and it cannot be
     run."""
-    observe: Annotated[tuple[Entry, ...], Field(min_length=1, max_length=12)] = (
+    observe: Annotated[tuple[Entry, ...], Field(min_length=1, max_length=13)] = (
         "gas",
         "memory",
         "wind",
@@ -49,15 +50,18 @@ class Policy(AnyAlgorithm):
     """Entries of an observation, in this order. gas: the reading, on a scale of powers of ten; `noses`:
     readings of the other gas sensors; memory: averages of the gas entry over the times of `memory`; rise: change of the
     gas entry since the last decision; resistance: of a metal oxide; wind: the measured direction and
-    speed; bumper; heading and position: as the robot estimates them; action: the last one; clock: the time since the
-    start, as t/(t + 60 s); mates: positions and readings of team mates in radio range."""
+    speed; bumper; heading and position: as the robot estimates them; height: of a
+    drone over the floor, over that of the ceiling; action: the last one; clock: the time since the
+    start, as t/(t + 60 s); mates: age of the last message, position and reading of the nearest team mates, by radio."""
     memory: Annotated[tuple[si.Wait, ...], Field(max_length=8)] = (1.0, 5.0, 20.0)
     """Time constants of averages of the gas entry, for the entry `memory`."""
+    neighbours: Annotated[int, Field(ge=1, le=MOST_STACKED)] | None = None
+    """Largest number of team mates in the entry `mates`; unless given, all."""
     history: Annotated[int, Field(ge=1, le=MOST_STACKED)] = 1
     """Number of stacked observations, the newest first."""
     act: Literal["drive", "waypoint"] = "drive"
     """Kind of action. drive: speed, from zero to the largest, and turn rate, to the left; waypoint: a
-    position to go to, ahead and to the left."""
+    position to go to, ahead and to the left. Drones have a third number: climb rate, or position above."""
     step: si.Length = 0.5
     """Distance of the farthest way point."""
     period: si.Wait = 0.5
@@ -84,6 +88,8 @@ class Policy(AnyAlgorithm):
     def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
         if "mates" in self.observe and group.count == 1:
             yield f"{where}.algorithm.observe: mates, but count is 1; remove the entry"
+        if "height" in self.observe and not group.body.flies:
+            yield f"{where}.algorithm.observe: height, but the robots stay on the floor; remove it, or use drones"
         if "noses" in self.observe and len(group.sensors.noses) == 1:
             yield f"{where}.algorithm.observe: has 'noses', but there is one gas sensor; remove the entry, or list more"
 

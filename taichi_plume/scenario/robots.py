@@ -24,6 +24,8 @@ class Communication(Model):
     """Range of a message; unless given, unlimited."""
     loss: si.Fraction = 0.0
     """Probability that a robot misses a message."""
+    rate: si.Frequency | None = None
+    """Messages per second that a robot with a policy sends, rounded to whole ticks; unless given, one per tick."""
 
 
 class Group(Model):
@@ -71,6 +73,11 @@ class Group(Model):
     def start_altitude(self) -> float:
         """Height of the lower ends of the robots' bodies over the floor at the start [m]; 0 unless drones."""
         return self.start.low_end(self.body)
+
+    @property
+    def start_highest(self) -> float:
+        """Largest height of the lower ends of the robots' bodies over the floor at the start [m]; 0 unless drones."""
+        return self.start.high_end(self.body)
 
     @property
     def turn_time(self) -> float:
@@ -177,13 +184,14 @@ class Group(Model):
         }
         if self.sensors.range is not None:
             heights["sensors.range.height"] = self.sensors.range.height
-        base = self.start_altitude
+        base = self.start_highest
         for key, height in heights.items():
             if height > ceiling:
                 yield f"{where}.{key}: {height:g} m is above the ceiling of the domain; use at most {ceiling:g} m"
             elif base + height > ceiling:
+                end = "altitude" if base == self.start_altitude else "highest"
                 yield (
-                    f"{where}.start.altitude: {base:g} m and {key} of {height:g} m reach above the ceiling of the "
+                    f"{where}.start.{end}: {base:g} m and {key} of {height:g} m reach above the ceiling of the "
                     f"domain; use at most {ceiling - height:g} m"
                 )
 

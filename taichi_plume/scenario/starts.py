@@ -41,6 +41,10 @@ class AnyStart(Model):
         """Return the start positions (count, 2) [m]; None if drawn at random, or if the list has another length."""
         return None
 
+    def high_end(self, body: "Body") -> float:
+        """Return the largest height [m] over the floor of the lower end of a robot's body at the start."""
+        return self.low_end(body)
+
     def low_end(self, body: "Body") -> float:
         """Return the height [m] over the floor of the lower end of a robot's body at the start; 0 unless a drone."""
         if not body.flies:
@@ -97,11 +101,21 @@ class StartArea(AnyStart):
     """Lower corner of the rectangle in which the centres are drawn, x and y."""
     high: si.Point2
     """Upper corner of the rectangle in which the centres are drawn, x and y."""
+    highest: si.Distance | None = None
+    """Largest altitude of drones at the start, drawn from `altitude` on; unless given, all have that altitude."""
+
+    def high_end(self, body: "Body") -> float:
+        return self.low_end(body) if not body.flies or self.highest is None else self.highest
 
     def placement_errors(self, where: str, body: "Body", count: int, context: Context) -> Iterator[str]:
         low, high = np.array(self.low), np.array(self.high)
         if (high < low).any():
             yield f"{where}.high: must not be below low, got {self.high} under {self.low}"
+            return
+        base, top = self.low_end(body), self.high_end(body)
+        if top < base or (self.highest is not None and not body.flies):
+            least = f"must be at least {base:g} m" if body.flies else "is for drones; remove it"
+            yield f"{where}.highest: {self.highest:g} m; {least}"
             return
         floor = context.scenario.floor
         for key, corner in (("low", low), ("high", high)):
@@ -118,7 +132,7 @@ class StartArea(AnyStart):
         nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         slack = float(steps.max()) / 2
         free = ((nodes >= np.array(self.low) - slack) & (nodes <= np.array(self.high) + slack)).all(axis=-1)
-        for _, _, distance, gap in clearances(nodes, body.height, context, self.low_end(body)):
+        for _, _, distance, gap in clearances(nodes, top - base + body.height, context, base):
             free &= distance >= radius + gap - slack
         if not free.any():
             yield f"{where}: no robot fits anywhere in this area; move or enlarge it"

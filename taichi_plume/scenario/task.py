@@ -46,6 +46,10 @@ class Task(Model):
     next seeds."""
     film: si.Duration | None = None
     """Length of each recording; unless given, twice an episode. Episodes start at any time that leaves enough of it."""
+    spacing: si.Length | None = None
+    """Edge of the cells of recordings, rounded to whole cells of the domain, whose means they hold; by default one."""
+    heights: tuple[si.Distance, si.Distance] | None = None
+    """Lowest and highest point of the recordings for drones; by default floor and ceiling. Beyond, the ends hold."""
     frame: si.Wait = 0.5
     """Time between the frames of recordings, rounded to whole ticks; in between, the air is linear in time."""
     films: tuple[FileName, ...] = ()
@@ -64,10 +68,26 @@ class Task(Model):
         """Length of each recording of wind and gas [s]; by default two episodes."""
         return 2.0 * self.episode if self.film is None else self.film
 
+    def warnings(self, where: str, context: "Context") -> Iterator[str]:
+        group = context.scenario.learners if context.scenario.robots and self.model_fields_set else None
+        if group is not None and group.wake:
+            what = "downwash" if group.body.flies else "wake"
+            yield f"{where}: films are recorded without robots, so environments leave out the {what} of '{group.name}'"
+
     def errors(self, where: str, context: "Context") -> Iterator[str]:
         if self.film is not None and self.film < self.episode:
             yield f"{where}.film: {self.film:g} s is shorter than an episode of {self.episode:g} s; raise it"
-        scenario = context.scenario
+        scenario, domain = context.scenario, context.domain
+        flies = bool(scenario.robots) and scenario.learners.body.flies
+        if self.heights is not None:
+            low, high = self.heights
+            if not flies:
+                yield f"{where}.heights: is for drones; give the learners body.kind: drone, or remove it"
+            elif not low < high <= domain.extent[2] + 1e-9:
+                yield f"{where}.heights: {low:g} to {high:g} m; must rise, up to the ceiling at {domain.extent[2]:g} m"
+        if self.spacing is not None and not domain.spacing <= self.spacing * (1 + 1e-9) <= min(domain.extent):
+            least, most = domain.spacing, min(domain.extent)
+            yield f"{where}.spacing: {self.spacing:g} m; must be from domain.spacing = {least:g} m to {most:g} m"
         played = [scenario.wind, *(gas for _, gas in scenario.gases)]
         if self.films and not any(isinstance(part, Played) and part.kind == "playback" for part in played):
             yield f"{where}.films: neither wind nor gas is of kind playback; use that kind for one of them"

@@ -34,8 +34,8 @@ HEADINGS = np.array([0.4, -2.0, 3.0])
 class Learner:
     """Observation and commands of one team, driven from outside."""
 
-    def __init__(self, **keys):
-        team = group(count=3, algorithm={"kind": "policy", **keys}, communication={"range": 2.0})
+    def __init__(self, communication=(("range", 2.0),), **keys):
+        team = group(count=3, algorithm={"kind": "policy", **keys}, communication=dict(communication))
         clearance = ClearanceMap([], EXTENT, 0.2)
         self.swarm = Swarm([team], PLACES, HEADINGS, clearance, np.array([[1.0, 1.5]]), 0)
         members = Members(self.swarm, (0,))
@@ -51,9 +51,17 @@ class Learner:
             self.seen.follow(i, TICK)
 
     @ti.kernel
-    def look(self, flip: float, elapsed: float, table: ti.types.ndarray(dtype=ti.f32, ndim=2)):
+    def talk(self, tick: int, t: float):
         for i in range(3):
-            self.seen.write(i, flip, i, table, elapsed)
+            self.seen.send(i, tick)
+        ti.loop_config(serialize=True)
+        for i in range(3):
+            self.seen.receive(i, tick, t)
+
+    @ti.kernel
+    def look(self, flip: float, elapsed: float, t: float, table: ti.types.ndarray(dtype=ti.f32, ndim=2)):
+        for i in range(3):
+            self.seen.write(i, flip, i, table, elapsed, t)
 
     @ti.kernel
     def act(self, flip: float, actions: ti.types.ndarray(dtype=ti.f32, ndim=2)):
@@ -71,8 +79,8 @@ class Learner:
             self.seen.clear(i)
             self.commands.clear(i)
 
-    def observe(self, flip=1.0, elapsed=0.0):
-        self.look(flip, elapsed, self.table)
+    def observe(self, flip=1.0, elapsed=0.0, t=0.0):
+        self.look(flip, elapsed, t, self.table)
         assert (self.table >= np.tile(self.seen.low, (3, 1)) - 1e-6).all()
         assert (self.table <= np.tile(self.seen.high, (3, 1)) + 1e-6).all()
         return [dict(zip(self.seen.names, map(float, row), strict=True)) for row in self.table]
@@ -93,7 +101,8 @@ def test_entries_are_what_sensors_give(fresh):
     ppm = np.array([0.0, 99.0, 3e6], np.float32)
     for _ in range(7):
         fresh.sense(ppm, 0.3, -0.4, 1e5)
-    seen = fresh.observe(elapsed=4.0)
+    fresh.talk(1, 0.1)
+    seen = fresh.observe(elapsed=4.0, t=5.1)
     upwind = np.array([-0.6, 0.8])
     for k, one in enumerate(seen):
         ahead = np.array([np.cos(HEADINGS[k]), np.sin(HEADINGS[k])])
@@ -111,13 +120,35 @@ def test_entries_are_what_sensors_give(fresh):
         place = 2 * PLACES[k] / EXTENT - 1
         assert [one["position x"], one["position y"]] == pytest.approx(place, abs=1e-6)
         assert one["clock"] == pytest.approx(4 / 64)
-        for m in (1, 2):
-            other = (k + m) % 3
-            apart = PLACES[other] - PLACES[k]
-            heard = np.linalg.norm(apart) <= 2.0
-            wanted = [1.0, apart @ ahead / 5.0, apart @ left / 5.0, entry(ppm[other])] if heard else [0.0] * 4
-            reported = [one[f"mate {m} {name}"] for name in ("there", "ahead", "left", "gas")]
+        apart = np.linalg.norm(PLACES - PLACES[k], axis=1)
+        heard = [m for m in np.argsort(apart) if m != k and apart[m] <= 2.0]
+        for m, other in enumerate([*heard, None, None][:2], start=1):
+            wanted = [0.0] * 4
+            if other is not None:  # 5 s ago
+                way = PLACES[other] - PLACES[k]
+                wanted = [0.5, way @ ahead / 5.0, way @ left / 5.0, entry(ppm[other])]
+            reported = [one[f"mate {m} {name}"] for name in ("heard", "ahead", "left", "gas")]
             assert reported == pytest.approx(wanted, abs=1e-6)
+
+
+def test_messages_have_a_rate_a_loss_and_an_age(taichi):
+    """Of three robots in range each, half of the messages in every fifth tick arrive; only the nearest is observed."""
+    learner = Learner({"loss": 0.5, "rate": 2.0}, observe=("mates",), neighbours=1)
+    learner.forget()
+    assert learner.seen.names == ("mate 1 heard", "mate 1 ahead", "mate 1 left", "mate 1 gas")
+    times = []
+    for tick in range(1, 1001):
+        learner.sense(np.full(3, float(tick), np.float32), 0.0, 0.0, np.nan)
+        learner.talk(tick, TICK * tick)
+        times.append(learner.seen.radio.time.to_numpy())
+    heard = np.diff(np.array(times, float), axis=0) > 0.0
+    assert set((np.flatnonzero(heard.any(axis=(1, 2))) + 1) % 5) == {0}
+    assert heard.mean(axis=0)[~np.eye(3, dtype=bool)] == pytest.approx(0.1, abs=0.025)
+    last = times[-1][0, 1]
+    assert last <= 99.6
+    one = learner.observe(t=100.0)[0]
+    assert one["mate 1 heard"] == pytest.approx(5.0 / (5.0 + 100.0 - last), abs=1e-4)
+    assert one["mate 1 gas"] == pytest.approx(entry(last / TICK), abs=1e-5)
 
 
 def test_what_was_observed_is_stacked(fresh):
@@ -136,6 +167,7 @@ def test_what_was_observed_is_stacked(fresh):
 
 def test_in_a_mirror_left_is_right(fresh):
     fresh.sense(np.zeros(3, np.float32), 0.3, -0.4, np.nan)
+    fresh.talk(1, 0.0)
     true = fresh.observe()
     mirrored = fresh.observe(flip=-1.0)
     turned = {"upwind left", "heading sin", "position y", "mate 1 left", "mate 2 left"}

@@ -316,6 +316,10 @@ def test_pettingzoos_tests_pass(made):
         team.reset(seed=1)
         with pytest.raises(ValueError, match="actions: missing for robot_1"):
             team.step({"robot_0": np.zeros(2, np.float32)})
+        assert team.state_space.contains(team.state())
+        place, size = team.episodes.swarm.position.to_numpy(), np.array(TASK["domain"]["size"])
+        side = np.array([1.0, 1.0 - 2.0 * team.episodes.info["mirror"][0]])
+        assert team.state().reshape(2, 7)[:, :2] == pytest.approx((2.0 * place / size - 1.0) * side, abs=1e-5)
     actions = {name: np.array([0.3, 0.1 * k], np.float32) for k, name in enumerate(team.possible_agents)}
     first, again = ([team.reset(seed=4), team.step(actions), team.step(actions)] for _ in range(2))
     assert data_equivalence(first, again)
@@ -355,6 +359,29 @@ def test_stable_baselines3_steps_the_same_episodes(made):
         seen = after
     for one, other in zip(steps, wanted, strict=True):
         assert_same(one, other)
+    envs.close()
+
+
+@pytest.mark.slow
+def test_robots_of_teams_are_rows_that_share_a_policy():
+    """Two teams of two: observations and rewards are those of the engine, and a team's episode ends in both rows."""
+    pytest.importorskip("torch")
+    pytest.importorskip("stable_baselines3")
+    envs = taichi_plume.envs.sb3_env(TASK, 2, team=True)
+    assert envs.num_envs == 4
+    envs.seed(5)
+    seen: Any = envs.reset()
+    rows = 0
+    for _ in range(STEPS):
+        after, rewards, over, infos = envs.step(act(seen))
+        np.testing.assert_array_equal(rewards, envs.episodes.rewards)
+        assert np.array_equal(over[::2], over[1::2])
+        for e in np.flatnonzero(over[::2]):
+            assert infos[2 * e]["search"] == infos[2 * e + 1]["search"]
+            assert not np.array_equal(*(infos[2 * e + k]["terminal_observation"] for k in (0, 1)))
+        rows += over.sum()
+        seen = after
+    assert rows > 4
     envs.close()
 
 

@@ -1,5 +1,6 @@
 """Recorded airs in memory, against linear interpolation in NumPy and a field that it gives exactly."""
 
+from functools import reduce
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,27 +11,31 @@ from taichi_plume.scenario.species import SPECIES
 from taichi_plume.solvers.film_bank import FilmBank, half
 
 ACETONE, ETHANOL = SPECIES["acetone"], SPECIES["ethanol"]
-FILMS, FRAMES, NX, NY, DX, FRAME = 2, 5, 6, 4, 0.1, 0.5
+FILMS, FRAMES, DX, FRAME = 2, 5, 0.1, 0.5
+CELLS, LOW = (6, 4, 3), 0.4  # of a volume, whose lower end is at LOW [m]; planes have the first two axes
 COUNT, ROBOTS = 150, 2
 HALF = 2.0**-11  # relative rounding of half precision
 
 
-def recorded(seed: int = 0) -> SimpleNamespace:
+def recorded(dim: int) -> SimpleNamespace:
     """Films of random numbers, of three gases and with walls in different places for wind and gas."""
-    rng = np.random.default_rng(seed)
-    ppm = rng.uniform(0.0, [3e5, 1.0, 2e-4], (FILMS, FRAMES, NX, NY, 3))
-    values = np.empty((FILMS, FRAMES, NX, NY, 5), np.float16)
-    values[..., :2] = rng.normal(size=(FILMS, FRAMES, NX, NY, 2))
+    rng, shape = np.random.default_rng(0), (FILMS, FRAMES, *CELLS[:dim])
+    ppm = rng.uniform(0.0, [3e5, 1.0, 2e-4], (*shape, 3))
+    values = np.empty((*shape, 5), np.float16)
+    values[..., :2] = rng.normal(size=(*shape, 2))
     scale = np.empty((FILMS, 3), np.float32)
     for film in range(FILMS):
         values[film, ..., 2:], scale[film] = half(ppm[film])
-    air = np.ones((2, NX, NY), bool)
+    air = np.ones((2, *CELLS[:dim]), bool)
     air[0, 2, 1] = air[1, 3, 2] = air[1, 3, 1] = False
+    if dim == 3:
+        air[:, :, :, 1] = True
     return SimpleNamespace(
         values=values,
         scale=scale,
         air=air,
         spacing=DX,
+        low=LOW,
         frame=FRAME,
         species=(ACETONE, ETHANOL, ACETONE),
         ppm=ppm,
@@ -48,7 +53,9 @@ class Asking:
     @ti.kernel
     def ask(self, places: ti.types.ndarray()):
         for i in range(self.size):
-            x = ti.Vector([places[i, 0], places[i, 1]])
+            x = ti.Vector.zero(ti.f32, self.bank.dim)
+            for d in ti.static(range(self.bank.dim)):
+                x[d] = places[i, d]
             ppm, u = self.bank.ppm_of(i, x, 0.0), self.bank.velocity_of(i, x, 0.0)
             for s in ti.static(range(self.ppm.shape[1])):
                 self.ppm[i, s] = ppm[s]
@@ -61,30 +68,32 @@ class Asking:
         return self.ppm.to_numpy(), self.u.to_numpy()
 
 
-@pytest.fixture(scope="module")
-def asked():
+@pytest.fixture(scope="module", params=[2, 3])
+def asked(request):
     """What robots meet at random places and times, and all that decides it."""
     program.start("cpu")
-    of, rng = recorded(), np.random.default_rng(5)
+    dim = request.param
+    of, rng = recorded(dim), np.random.default_rng(5)
     bank = FilmBank(of, COUNT, ROBOTS)
     film, gas = rng.integers(0, FILMS, COUNT), rng.integers(-1, 3, COUNT)
     begin, now = rng.uniform(0, 1.5, COUNT), rng.uniform(0, 1.0, COUNT)  # some beyond the end
     for field, values in ((bank.film, film), (bank.gas_of, gas), (bank.begin, begin), (bank.now, now)):
         field.from_numpy(values)
-    places = rng.uniform([-0.02, -0.02], [NX * DX + 0.02, NY * DX + 0.02], (COUNT * ROBOTS, 2))
+    ends = np.array([[-0.02] * dim, [n * DX + 0.02 for n in CELLS[:dim]]]) + [0.0, 0.0, LOW][:dim]
+    places = rng.uniform(ends[0], ends[1], (COUNT * ROBOTS, dim))
     ppm, u = Asking(bank, len(places))(places)
     return SimpleNamespace(of=of, film=film, gas=gas, at=begin + now, places=places, ppm=ppm, u=u)
 
 
 def reference(film: np.ndarray, air: np.ndarray, t: float, place: np.ndarray) -> np.ndarray:
-    """Linear between frames (frames, nx, ny, channels), and between the centres of cells of air; the ends hold."""
+    """Linear between frames (frames, ..., channels), and between the centres of cells of air; the ends hold."""
     k = min(t / FRAME, FRAMES - 1)
     n = min(int(k), FRAMES - 2)
     now = film[n] + (k - n) * (film[n + 1] - film[n])
-    shares = [np.maximum(0.0, 1.0 - np.abs(np.arange(m) - np.clip(x / DX - 0.5, 0, m - 1)))
-              for m, x in zip((NX, NY), place, strict=True)]  # fmt: skip
-    weight = np.outer(*shares) * air
-    return (weight[..., None] * now).sum(axis=(0, 1)) / max(weight.sum(), 1e-6)
+    shares = [np.maximum(0.0, 1.0 - np.abs(np.arange(m) - np.clip((x - low) / DX - 0.5, 0, m - 1)))
+              for m, x, low in zip(air.shape, place, (0.0, 0.0, LOW), strict=False)]  # fmt: skip
+    weight = reduce(np.multiply.outer, shares) * air
+    return np.tensordot(weight, now, air.ndim) / max(weight.sum(), 1e-6)
 
 
 def test_robots_meet_the_film_the_moment_and_the_gas_of_their_environment(asked):
