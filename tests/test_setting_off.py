@@ -88,7 +88,7 @@ def test_times_count_from_setting_off(sim):
     sim.reset()
     sim.run()
     now, later = (
-        scores.trial_outcomes(one, sim.swarm.snapshot(), scores.source_places(sim))
+        scores.trial_outcomes(sim, one, sim.swarm.snapshot())
         for one in sim.swarm.groups
     )
     assert now["success"] == later["success"] == [True]

@@ -112,6 +112,7 @@ def build(
         scenario.rivals,
         background=any(scenario.backgrounds.values()),
         room=Room(scenario.domain.extent, scenario.domain.depth, scenario.passes_edge, _sought(scenario)),
+        sources_at=scenario.sources_at if scenario.sources_change else None,
     )
     weights = _weights(scenario)
     scalars = {path: Scalar(grid, takes_space=True) for path in weights}
