@@ -142,14 +142,19 @@ class Located(Model):
     def _moves(cls, data: object) -> object:
         """Raise an error for a motion of what stays in place, such as the source of a steady plume."""
         if isinstance(data, dict) and "motion" in data and "motion" not in cls.model_fields:
-            raise fault(f"motion: the {cls.what} stays in place here; sources of eulerian gas and of puffs can move")
+            raise fault(
+                f"motion: the {cls.what} stays in place here; sources of eulerian gas and of puffs can move"
+            )
         return data
 
     @property
     def on(self) -> tuple[float, float]:
         """Times [s] from which and until which the source is there; infinite without limit."""
         keys = vars(self)
-        start, stop = keys.get("start", keys.get("time")), keys.get("stop")  # a puff has the time of its release
+        start, stop = (
+            keys.get("start", keys.get("time")),
+            keys.get("stop"),
+        )  # a puff has the time of its release
         return -np.inf if start is None else start, np.inf if stop is None else stop
 
     def places(self, t: float | np.ndarray) -> np.ndarray:
