@@ -47,11 +47,12 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
 
     positions: (count, 2) [m] and headings: (count,) [rad] at the start, free of overlap (see `placement`). clearance:
     see `Contact`. sources: (m, 2 or 3) [m], known to the referee, not to the robots; sources_at: function from a time
-    [s] to the positions of sources that move, appear or end, NaN for those that are not there. walkers: moving obstacles, each
-    felt as the disc around its footprint. A walker that runs into a robot pushes the robot aside, or pins the robot if
-    walls and other bodies leave no way out. Robots placed from outside are not pushed. rivals: whether groups neither
-    sense nor touch each other. episodes: trials of the only group that each restart on their own. background: whether
-    clean air has a background of gas, which `measured` holds and `reading` does not. room: for models of dispersion.
+    [s] to the positions of sources that move, appear or end, NaN for those that are not there. walkers: moving
+    obstacles, each felt as the disc around its footprint. A walker that runs into a robot pushes the robot aside, or
+    pins the robot if walls and other bodies leave no way out. Robots placed from outside are not pushed. rivals:
+    whether groups neither sense nor touch each other. episodes: trials of the only group that each restart on their
+    own. background: whether clean air has a background of gas, which `measured` holds and `reading` does not. room: for
+    models of dispersion.
 
     Algorithms read `reading` [ppm] above that in clean air, `wind` [m/s], `wind_known`, `blocked` (the bumper) and the
     believed pose, `believed_position` [m], `believed_heading` [rad] and `odometer` [m]. They write `speed_command`

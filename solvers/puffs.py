@@ -196,7 +196,7 @@ class PuffSolver(Gas):
 
     def _in_air(self, x: np.ndarray) -> np.ndarray:
         """Return a mask of the points x (n, dim) [m] that lie in the domain and outside of obstacles."""
-        inside = ((x >= 0.0) & (x <= self.grid.extent)).all(axis=1)
+        inside = np.all((x >= 0.0) & (x <= self.grid.extent), axis=1)
         if self.surfaces is not None:
             inside[inside] = self.surfaces.in_air(x[inside])
         return inside

@@ -163,7 +163,7 @@ class Release:
         moved = []
         for n, ball in self._moving.items():
             place = self._on_lattice(ball.places(t))
-            if not np.array_equal(place, self._at.get(n)):
+            if n not in self._at or not np.array_equal(place, self._at[n]):
                 with suppress(ValueError):  # grazes an obstacle between two samples of the path
                     cells = self._cells_of("", ball.radius, place, False)
                     self.balls[n] = self._padded(ball.radius, *cells)

@@ -46,8 +46,8 @@ def draw(
     """Draw walls, openings, screens, obstacles, heaters, sources, the robots' arena and start positions.
 
     shapes: obstacles, and cubes of an imported wind; by default all obstacles without a file. sizes: whether names
-    and sizes are written. plane: `ABOVE`, in 3-D also `SIDE` or `FRONT`. starts, sources: whether start positions and sources are drawn.
-    Returns the artists of the shapes.
+    and sizes are written. plane: `ABOVE`, in 3-D also `SIDE` or `FRONT`. starts, sources: whether start
+    positions and sources are drawn. Returns the artists of the shapes.
     """
     extent = scenario.domain.extent
     a, b = plane
@@ -184,7 +184,8 @@ def source_mark(axes: Axes, source: AnySource, plane: tuple[int, int]) -> tuple[
         way = np.array([source.position, *(point[1:] for point in motion.path)])[:, list(plane)]
         axes.plot(*way.T, color=theme.SOURCE, linewidth=1, linestyle=(0, (4, 3)), zorder=8)
     style = {"facecolor": theme.SOURCE, "edgecolor": "none", "alpha": 0.35, "zorder": 9}
-    disc = axes.add_patch(Circle(place, source.radius, **style))
+    disc = Circle(place, source.radius, **style)
+    axes.add_patch(disc)
     (star,) = axes.plot(*place, "*", color=theme.SOURCE, markeredgecolor="white", markersize=13, zorder=10)
     return disc, star
 

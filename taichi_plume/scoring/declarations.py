@@ -45,8 +45,9 @@ def declared_outcomes(
 
     outcome: one of OUTCOMES, "declared" if both hold. A trial's declaration is the first right one of its team or,
     without a right one, the last: declared_time_s, since the group set off; localisation_error_m: from the declared
-    position to the nearest source at that time; NaN without a declaration. declarations, false_declarations: of all robots, NaN if
-    the group's algorithm never declares. reached_time_s: when the first robot came within reach of a source, or NaN.
+    position to the nearest source at that time; NaN without a declaration. declarations, false_declarations: of all
+    robots, NaN if the group's algorithm never declares. reached_time_s: when the first robot came within reach of a
+    source, or NaN.
     """
 
     def table(name: str) -> np.ndarray:

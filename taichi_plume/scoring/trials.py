@@ -207,10 +207,10 @@ def trial_outcomes(sim: TimeLoop, group: GroupRange, snapshot: Snapshot) -> Json
     """Return the results of each trial of a group, as columns.
 
     Sources count where they are at the time of the event: when a robot found one, when a robot declared one, at the end
-    for others. group, trial; success; found: robots that found a source; of the first of these robots time_s, since the group set
-    off, path_m and overhead: path over the straight distance to the nearest source; of the whole team team_path_m,
-    acquisitions, hits, bumps and, where obstacles move, pushes and pinned_s; final_distance_m: of the robot that ended
-    nearest to a source; and the columns of `declared_outcomes`.
+    for others. group, trial; success; found: robots that found a source; of the first of these robots time_s, since the
+    group set off, path_m and overhead: path over the straight distance to the nearest source; of the whole team
+    team_path_m, acquisitions, hits, bumps and, where obstacles move, pushes and pinned_s; final_distance_m: of the
+    robot that ended nearest to a source; and the columns of `declared_outcomes`.
     """
 
     def table(key: str) -> np.ndarray:
