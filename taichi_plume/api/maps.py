@@ -96,7 +96,7 @@ def maps(
         width, length = scenario.domain.extent[:2]
         floor = floor or (width - corner[0], length - corner[1])
         if places is None:
-            at_end = scenario.sources_at(scenario.duration)
+            at_end = scenario.targets_at(scenario.duration)
             places = at_end[np.isfinite(at_end[:, 0]), :2].tolist()
         table = readings.folder / "robots.parquet"
         readings = table if table.exists() else readings.robots

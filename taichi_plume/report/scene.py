@@ -193,11 +193,12 @@ def source_mark(axes: Axes, source: AnySource, plane: tuple[int, int]) -> tuple[
 def _sources(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool) -> None:
     """Draw gas sources, with labels if `sizes`."""
     named = sizes and plane == ABOVE and len(scenario.sources) <= MOST_LABELS
-    for _, source in scenario.sources:
+    searched = [gas.searched for _, gas in scenario.gases for _ in gas.sources]
+    for (_, source), is_target in zip(scenario.sources, searched, strict=True):
         source_mark(axes, source, plane)
         if named:
-            place = _place(source.position, plane)
-            theme.note(axes, *place, _given_off(source), theme.SOURCE, va="bottom", dy=8)
+            place, not_searched = _place(source.position, plane), "" if is_target else ", not searched for"
+            theme.note(axes, *place, _given_off(source) + not_searched, theme.SOURCE, va="bottom", dy=8)
 
 
 def _warmth(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool) -> None:

@@ -265,11 +265,16 @@ class Scenario(Model):
 
     @property
     def sources_change(self) -> bool:
-        """Whether any source moves, appears after the start of the robots, or ends."""
-        return any(
+        """Whether any source moves, appears after the start of the robots, ends, or is not searched for."""
+        return not all(gas.searched for _, gas in self.gases) or any(
             vars(source).get("motion") is not None or source.on[0] > 0.0 or source.on[1] < np.inf
             for _, source in self.sources
         )
+
+    def targets_at(self, t: float | np.ndarray) -> np.ndarray:
+        """Return positions like `sources_at`, with NaN also for the sources of gases that are not searched for."""
+        searched = np.array([gas.searched for _, gas in self.gases for _ in gas.sources], bool)
+        return np.where(searched[:, None], self.sources_at(t), np.nan)
 
     def sources_at(self, t: float | np.ndarray) -> np.ndarray:
         """Return the positions of all sources (..., m, dim) [m] at times t (...) [s], in the order of `sources`.

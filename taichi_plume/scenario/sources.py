@@ -236,6 +236,10 @@ class OneGas(Model):
     and the keys `inflow` and `initial` concern the gas above the background alone. Gases of one species share one
     background."""
 
+    searched: bool = True
+    """Whether robots search for the sources of the gas. With false the gas distracts: its sources count nowhere as
+    found, reached or rightly declared, but sensors respond to it."""
+
     @model_validator(mode="before")
     @classmethod
     def _amounts(cls, data: object) -> object:

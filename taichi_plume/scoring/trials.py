@@ -218,7 +218,7 @@ def trial_outcomes(sim: TimeLoop, group: GroupRange, snapshot: Snapshot) -> Json
 
     flies = sim.grid.dim == 3 and group.model.body.flies
     found = table("found").astype(bool)
-    sources = sim.scenario.sources_at(np.where(found, table("found_time"), sim.t))
+    sources = sim.scenario.targets_at(np.where(found, table("found_time"), sim.t))
 
     def nearest(places: np.ndarray, altitude: np.ndarray | float) -> np.ndarray:
         if flies:
@@ -248,7 +248,7 @@ def trial_outcomes(sim: TimeLoop, group: GroupRange, snapshot: Snapshot) -> Json
         "team_path_m": path.sum(axis=1).tolist(),
         **{name: table(name).sum(axis=1).tolist() for name in SUMS if name in snapshot},
         "final_distance_m": ended.min(axis=1).tolist(),
-        **declared_outcomes(group, snapshot, sim.scenario.sources_at),
+        **declared_outcomes(group, snapshot, sim.scenario.targets_at),
     }
 
 
@@ -275,7 +275,7 @@ def no_search(sim: TimeLoop, group: GroupRange, success: Iterable[bool] = ()) ->
     """Return the reason why no robot of a group could find a source; None if robots could, or have in a trial."""
     if any(success):
         return None
-    starts = [source.on[0] for _, source in sim.scenario.sources]
+    starts = [source.on[0] for _, gas in sim.scenario.gases if gas.searched for source in gas.sources]
     if sim.tick <= 0 or (group.model.begin > 0 and sim.t <= group.model.begin):
         return "the robots had not started"
     if not starts:
@@ -295,8 +295,8 @@ def end(sim: TimeLoop, group: GroupRange) -> float:
 
 
 def present(scenario: Scenario, t: float) -> np.ndarray:
-    """Return the positions on the floor of the sources that are there at time t [s], (m, 2) [m]."""
-    places = scenario.sources_at(t)[:, :2]
+    """Return the positions on the floor of the sources to be found at time t [s], (m, 2) [m]."""
+    places = scenario.targets_at(t)[:, :2]
     return places[np.isfinite(places[:, 0])]
 
 

@@ -277,7 +277,7 @@ def test_first_finder_counts():
         "false_declarations": np.zeros(5, int),
     }
     places = np.array([[0.0, 0.0], [9.0, 9.0]])
-    scenario = SimpleNamespace(sources_at=lambda t: np.broadcast_to(places, (*np.shape(t), 2, 2)))
+    scenario = SimpleNamespace(targets_at=lambda t: np.broadcast_to(places, (*np.shape(t), 2, 2)))
     sim: Any = SimpleNamespace(grid=SimpleNamespace(dim=2), scenario=scenario, t=20.0)
     reported = scores.trial_outcomes(sim, group, snapshot)
     expected = {"group": ["team", "team"], "trial": [0, 1], "success": [True, False], "found": [2, 0]}
