@@ -39,8 +39,9 @@ MEASURED = (
     f"keep to the range of their quantity. There are no intervals below {LEAST_VALUES} airs. "
     "If the air does not depend on random numbers, success has Wilson's interval over the searches.",
     "All algorithms have the same robot, sensors, time, airs and starts: start k of air n is the same position for all "
-    "of them. In the scenario drone the robot flies: algorithms of the floor stay at the altitude of the start, and those "
-    "that climb take part only there. One robot searches, except for DAPSO, a swarm of five, whose time is that of the first to find a source. "
+    "of them. In the scenario drone the robot flies: algorithms of the floor stay at the altitude of the start, and "
+    "those that climb take part only there. One robot searches, except for DAPSO, a swarm of five, whose time is that "
+    "of the first to find a source. "
     "All algorithms have their defaults and are given these facts of the plume: threshold_ppm, a tenth of the highest "
     "mean concentration in the start area, at least 2 ppm, and the mean wind speed.",
 )
