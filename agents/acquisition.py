@@ -33,7 +33,9 @@ class Acquisition:
         self.swarm, self.robot, self.p = members.swarm, members.robot, parameters
         self.since = ti.field(ti.i32, members.size)  # ticks since standing still
         self.total = ti.field(ti.f32, members.size)  # sum of the samples so far [ppm]
-        self.before = ti.field(ti.f32, members.size)  # reading of the sample before, or as the samples begin [ppm]
+        self.before = ti.field(
+            ti.f32, members.size
+        )  # reading of the sample before, or as the samples begin [ppm]
         self.last = ti.filled(np.full(members.size, np.nan), ti.f32)  # mean of the last acquisition [ppm]
 
     @staticmethod

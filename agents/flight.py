@@ -48,8 +48,8 @@ def _draw_rises(group: GroupRange, seed: int) -> np.ndarray:
 class Flying(Columns):
     """Mixin of the swarm for the flight of drones."""
 
-    def _set_flight(self, sources: np.ndarray, walkers: Sequence[Obstacle]) -> None:
-        """Set the fields that only swarms with drones have, at the start of a run; sources: (m, 3) [m]."""
+    def _set_flight(self, walkers: Sequence[Obstacle]) -> None:
+        """Set the fields that only swarms with drones have, at the start of a run."""
         first = self._each(lambda group: group.start_altitude)
         for group in self.groups:
             first[group.start : group.start + group.size] += _draw_rises(group, self.seed)
@@ -58,8 +58,6 @@ class Flying(Columns):
         for name, value in WINGS.items():
             setattr(self, name, ti.filled(self._each(value), ti.f32))
         self.source_height = ti.field(ti.f32, max(1, self.source_count))
-        if len(sources):
-            self.source_height.from_numpy(sources[:, 2])
         # lowest, highest point of walkers [m]
         self.spans = ti.filled_vectors(np.reshape([walker.span for walker in walkers], (-1, 2)))
         for field in (self.ordered_altitude, self.goal, self.goal_heading):

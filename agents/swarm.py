@@ -19,7 +19,7 @@ from taichi_plume.agents.odometry import Odometry, Reckoning
 from taichi_plume.agents.referee import Referee
 from taichi_plume.agents.room import Room
 from taichi_plume.agents.serial_loops import runs_serially
-from taichi_plume.agents.trials import OwnClocks, Trials
+from taichi_plume.agents.trials import FAR, OwnClocks, Trials
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 from taichi_plume.grid.elementary import cos_sin, wrap
@@ -46,11 +46,13 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
     """State and motion of the robots of all groups, one Taichi field per quantity (see `Columns`).
 
     positions: (count, 2) [m] and headings: (count,) [rad] at the start, free of overlap (see `placement`). clearance:
-    see `Contact`. sources: (m, 2 or 3) [m], known to the referee, not to the robots. walkers: moving obstacles, each
-    felt as the disc around its footprint. A walker that runs into a robot pushes the robot aside, or pins the robot if
-    walls and other bodies leave no way out. Robots placed from outside are not pushed. rivals: whether groups neither
-    sense nor touch each other. episodes: trials of the only group that each restart on their own. background: whether
-    clean air has a background of gas, which `measured` holds and `reading` does not. room: for models of dispersion.
+    see `Contact`. sources: (m, 2 or 3) [m], known to the referee, not to the robots; sources_at: function from a time
+    [s] to the positions of sources that move, appear or end, NaN for those that are not there. walkers: moving
+    obstacles, each felt as the disc around its footprint. A walker that runs into a robot pushes the robot aside, or
+    pins the robot if walls and other bodies leave no way out. Robots placed from outside are not pushed. rivals:
+    whether groups neither sense nor touch each other. episodes: trials of the only group that each restart on their
+    own. background: whether clean air has a background of gas, which `measured` holds and `reading` does not. room: for
+    models of dispersion.
 
     Algorithms read `reading` [ppm] above that in clean air, `wind` [m/s], `wind_known`, `blocked` (the bumper) and the
     believed pose, `believed_position` [m], `believed_heading` [rad] and `odometer` [m]. They write `speed_command`
@@ -71,6 +73,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         episodes: Trials | None = None,
         background: bool = False,
         room: Room | None = None,
+        sources_at: Callable[[float], np.ndarray] | None = None,
     ):
         self.clearance, self.room = clearance, room
         self.episodes = episodes
@@ -101,10 +104,10 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         self.discs: Field = ti.vector_field(2, ti.f32, max(1, len(walkers)))  # positions of the walkers [m]
         self.disc_radius = ti.filled([walker.disc for walker in walkers], ti.f32)
         self.sources = ti.vector_field(2, ti.f32, max(1, self.source_count))
-        if len(sources):
-            self.sources.from_numpy(sources[:, :2])
+        self.sources_at = sources_at
         if self.flies:
-            self._set_flight(sources, walkers)
+            self._set_flight(walkers)
+        self._set_sources(sources if sources_at is None else sources_at(0.0))
         self._list_members()
         self.contact = Contact(self)
         if self.reckons:
@@ -168,6 +171,14 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         if self.walkers:
             self.discs.from_numpy([motion.place(center, t) for motion, center in self.walkers])
 
+    def _set_sources(self, places: np.ndarray) -> None:
+        """Set the sources' positions (m, 2 or 3) [m] for the referee; NaN: no robot finds the source."""
+        if len(places):
+            places = np.where(np.isnan(places), FAR, places)
+            self.sources.from_numpy(places[:, :2])
+            if self.flies:
+                self.source_height.from_numpy(places[:, 2])
+
     def _push(self, t: float, dt: float) -> None:
         """Push robots aside that moving obstacles run into during the time step of dt [s] that ends at t [s].
 
@@ -183,6 +194,8 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         """Move all robots by their commands for a time step dt [s] that ends at t [s], unless their search is over."""
         if self.count:
             self._walk(t)
+            if self.sources_at is not None:
+                self._set_sources(self.sources_at(t))
             self._move(tick, t, dt)
             if self.walkers:
                 self._push(t, dt)

@@ -120,9 +120,9 @@ class Portions:
         self.pending += emitted[-1]
         return moments[masses > 0.0], masses[masses > 0.0], sum(emitted)
 
-    def places(self, n: int, dim: int) -> np.ndarray:
-        """Return n random positions in the source's ball [m], (n, dim)."""
+    def places(self, n: int, dim: int, middle: np.ndarray) -> np.ndarray:
+        """Return n random positions (n, dim) [m] in the source's ball around `middle`, (dim,) or (n, dim) [m]."""
         direction = self.rng.standard_normal((n, dim))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         radius = self.source.radius * self.rng.random((n, 1)) ** (1 / dim)
-        return np.array(self.source.position) + radius * direction
+        return middle + radius * direction

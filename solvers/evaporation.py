@@ -37,7 +37,7 @@ RADIATION = 5.5  # W/(m² K) between a wet surface and a room a few kelvin warme
 def speed_over(source: Source, wind: Wind, t: float) -> float:
     """Return the wind speed [m/s] over a source's dish at time t [s], half a diameter up, above its boundary layer."""
     assert source.dish is not None
-    point = np.array([source.position])
+    point = np.array([source.places(t)])
     point[0, 2:] += 0.5 * source.dish.diameter
     return float(np.linalg.norm(velocity_at(wind, point, t)))
 

@@ -133,6 +133,8 @@ class EulerianSolver(GridGas):
             self._carried = carried
 
     def _emit(self, t: float, dt: float) -> None:
+        if self.release.follow(t + 0.5 * dt) and self.source is not None:
+            self.source.fill(0.0)  # of the cells that balls have left
         masses = [emission.mass(t, dt) for emission in self.emissions]
         self.release.set_amounts(masses)
         if self._displaces:

@@ -99,7 +99,9 @@ class PuffSolver(Gas):
             for n, source in enumerate(gas.sources)
         ]
         for n, portions in enumerate(self.portions):
-            if not len(self._places(portions, 1)):
+            if portions.source.motion is not None and self.surfaces is not None:
+                portions.source.require_air(f"sources[{n}]", 0.25 * grid.dx, self.surfaces.in_air)
+            if not len(self._places(portions, np.array([t]))):
                 raise ValueError(
                     f"sources[{n}].position: is not in the air: an obstacle fills its cell or seals it off; "
                     "move it by a cell or lower domain.spacing"
@@ -159,20 +161,45 @@ class PuffSolver(Gas):
             free -= n
             velocity = self.deviation * portions.rng.standard_normal((n, self.dim))
             variance = np.full(n, self.initial_size**2)
-            rows.append(np.column_stack([self._places(portions, n), velocity, variance, masses]))
+            rows.append(np.column_stack([self._places(portions, when), velocity, variance, masses]))
             moments.append(when)
         return np.concatenate(rows).astype(np.float32), np.concatenate(moments)
 
-    def _places(self, portions: Portions, n: int) -> np.ndarray:
-        """Return n random positions (n, dim) [m] in the air within a source's ball; fewer if there is hardly any."""
+    def _places(self, portions: Portions, when: np.ndarray) -> np.ndarray:
+        """Return a random position in the air within a source's ball at each of the times `when` (n,) [s], (n, dim)
+        [m]; fewer if there is hardly any air.
+        """
+        n, source = len(when), portions.source
+        if source.motion is not None:
+            return self._places_on_way(portions, source.places(when))
         places = np.empty((0, self.dim))
         for _ in range(TRIES):
             if len(places) >= n:
                 break
-            x = portions.places(2 * n, self.dim)
-            x = x[((x >= 0.0) & (x <= self.grid.extent)).all(axis=1)]
-            places = np.concatenate([places, x if self.surfaces is None else x[self.surfaces.in_air(x)]])
+            x = portions.places(2 * n, self.dim, np.array(source.position))
+            places = np.concatenate([places, x[self._in_air(x)]])
         return places[:n]
+
+    def _places_on_way(self, portions: Portions, middle: np.ndarray) -> np.ndarray:
+        """Return a random position in the air around each of the positions `middle` of a moving source, (n, dim) [m].
+
+        Where there is hardly any air the position is the middle, which lies in the air.
+        """
+        places, left = middle.copy(), np.arange(len(middle))
+        for _ in range(TRIES):
+            if not len(left):
+                break
+            x = portions.places(len(left), self.dim, middle[left])
+            here = self._in_air(x)
+            places[left[here]], left = x[here], left[~here]
+        return places
+
+    def _in_air(self, x: np.ndarray) -> np.ndarray:
+        """Return a mask of the points x (n, dim) [m] that lie in the domain and outside of obstacles."""
+        inside = np.all((x >= 0.0) & (x <= self.grid.extent), axis=1)
+        if self.surfaces is not None:
+            inside[inside] = self.surfaces.in_air(x[inside])
+        return inside
 
     @ti.kernel
     def _put_new(self, count: ti.i32, number: ti.i32, rows: ti.types.ndarray()):

@@ -9,8 +9,9 @@ connected to the ball's own cells: behind a thin wall nothing appears.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
-from math import ceil
+from math import ceil, prod
 
 import numpy as np
 
@@ -27,6 +28,8 @@ VARIANCE = 5.0 / 6.0
 """Sum of two variances [cells²]: that of the shares of a point and that of the linear interpolation of readings."""
 REACH = 2
 """Number of cells on either side that a point release reaches, from the cell at or before the point; one more above."""
+LATTICE = 4
+"""Positions per cell and axis at which a ball on a path counts; the error is far below the width of the kernel."""
 SMOOTHED = 1.0 / 6.0
 """Weight of smoothing to either side. Measured: with less weno5, with more koren lags in a wind oblique to the grid."""
 
@@ -122,7 +125,18 @@ class Release:
         self.grid, self.room = grid, room
         self._area = air.area
         self._amounts: list[float] = []
-        self.balls = [self._cells_of(f"{name}[{n}]", ball, blurred) for n, ball in enumerate(balls)]
+        self._moving = {
+            n: ball for n, ball in enumerate(balls) if isinstance(ball, Source) and ball.motion is not None
+        }
+        for n, ball in self._moving.items():
+            ball.require_air(f"{name}[{n}]", grid.dx / (4 * LATTICE), self._is_air)
+        self.balls = [
+            self._cells_of(f"{name}[{n}]", ball.radius, np.array(ball.position), blurred)
+            for n, ball in enumerate(balls)
+        ]
+        self._at: dict[int, np.ndarray] = {}
+        for n, ball in self._moving.items():
+            self.balls[n] = self._padded(ball.radius, *self.balls[n])
         self.cells = sum(len(where) for where, _ in self.balls)
         where = np.concatenate([np.empty((0, grid.dim), int), *(where for where, _ in self.balls)])
         self._cell = ti.filled_vectors(where + grid.ghost)
@@ -140,14 +154,55 @@ class Release:
             first += len(where)
         self._share.from_numpy(densities)
 
-    def _half(self, ball: Source | Heater) -> int:
-        """Return how many cells a ball around a cell's centre touches on either side along an axis."""
-        return max(0, ceil(ball.radius / self.grid.dx - 0.5))
+    def follow(self, t: float) -> bool:
+        """Move the shares of balls on a path to their positions at time t [s]; return whether any ball has moved.
 
-    def _cells_of(self, path: str, ball: Source | Heater, blurred: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return a ball's cells (n, dim) and their shares (n,) of the release. Raises ValueError without air."""
-        radius, half = ball.radius / self.grid.dx, self._half(ball)  # here lengths are in cells
-        place = np.array(ball.position) / self.grid.dx - 0.5  # from the centre of the first cell
+        A position counts to a fraction 1/LATTICE of a cell: the shares are computed only as often as a ball has moved
+        by that, and depend on the time alone, as a resumed run needs.
+        """
+        moved = []
+        for n, ball in self._moving.items():
+            place = self._on_lattice(ball.places(t))
+            if n not in self._at or not np.array_equal(place, self._at[n]):
+                with suppress(ValueError):  # grazes an obstacle between two samples of the path
+                    cells = self._cells_of("", ball.radius, place, False)
+                    self.balls[n] = self._padded(ball.radius, *cells)
+                self._at[n] = place
+                moved.append(n)
+        if moved:
+            where = np.concatenate([where for where, _ in self.balls])
+            self._cell.from_numpy((where + self.grid.ghost).astype(np.int32))
+            self.set_shares([part for _, part in self.balls])
+        return bool(moved)
+
+    def _on_lattice(self, places: np.ndarray) -> np.ndarray:
+        """Return positions (..., dim) [m] rounded to a fraction 1/LATTICE of a cell."""
+        step = self.grid.dx / LATTICE
+        return np.clip(np.round(places / step) * step, 0.0, self.grid.extent)
+
+    def _is_air(self, places: np.ndarray) -> np.ndarray:
+        """Return a mask of the positions (n, dim) [m] whose cell holds air, once on the lattice."""
+        cells = np.round(self._on_lattice(places) / self.grid.dx - 0.5).astype(int)
+        return self.room[tuple(np.clip(cells, 0, np.array(self.grid.shape) - 1).T)] > 0.0
+
+    def _padded(self, radius: float, where: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return cells (m, dim) and shares (m,) of a ball with as many cells as it covers at any position."""
+        widest = 2 * self._half(radius) + 2 * REACH + 2
+        spare = prod(min(widest, n) for n in self.grid.shape) - len(share)
+        return np.concatenate([where, np.repeat(where[:1], spare, 0)]), np.append(share, np.zeros(spare))
+
+    def _half(self, radius: float) -> int:
+        """Return how many cells a ball around a cell's centre touches on either side along an axis."""
+        return max(0, ceil(radius / self.grid.dx - 0.5))
+
+    def _cells_of(
+        self, path: str, radius: float, place: np.ndarray, blurred: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the cells (n, dim) of a ball at `place` (dim,) [m] and their shares (n,) of the release. Raises
+        ValueError without air.
+        """
+        half, radius = self._half(radius), radius / self.grid.dx  # here lengths are in cells
+        place = place / self.grid.dx - 0.5  # from the centre of the first cell
         base = np.floor(place).astype(int)
         f = place - base
         nearest = np.clip(np.round(place).astype(int), 0, np.array(self.grid.shape) - 1)

@@ -53,7 +53,7 @@ WRONG = {
     "examples": ["{}"], "draw": ["{}"],
     "run": ["{}"], "serve": ["{}"], "report": ["{}"], "picture": ["{}"], "export": ["{}", "--to", "csv"],
     "maps": ["{}", "--size", "1", "1", "--out", "out"], "repair": ["{}"], "scenario": ["--explain", "{}"],
-    "study": ["{}"], "contest": ["--algorithm", "{}"], "envs": ["{}"], "statistics": ["{}"], "validation": ["{}"],
+    "study": ["{}"], "contest": ["--entry", "{}"], "envs": ["{}"], "statistics": ["{}"], "validation": ["{}"],
 }  # fmt: skip
 """Command lines that name something that does not exist."""
 WICKED = "a\x1b]0;x\x07\nb\u202e"

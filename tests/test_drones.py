@@ -19,7 +19,7 @@ from taichi_plume.files.ros_robots import TRANSFORMS
 from taichi_plume.grid.fields import ppm_at
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.loading import ScenarioError
-from taichi_plume.scoring.trials import source_places, trial_outcomes
+from taichi_plume.scoring.trials import trial_outcomes
 from taichi_plume.serve.service import Pace, Service
 
 pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
@@ -137,7 +137,7 @@ def test_sensors_and_scores_of_drones_are_in_space(flock):
     sim = flock("robots.0.start.positions=[[0.8, 1.6], [3.4, 1.7]]")
     sim.observe()
     (group,) = sim.swarm.groups
-    reported = trial_outcomes(group, sim.swarm.snapshot(), source_places(sim))
+    reported = trial_outcomes(sim, group, sim.swarm.snapshot())
     assert reported["final_distance_m"][0] == pytest.approx(1.5 - 0.8 - group.model.body.height / 2, abs=1e-5)
     keys = "robots.0.start.positions=[[3.4, 1.7], [3.8, 1.5]]", "gas.sources.0.position=[0.8, 1.6, 1.0]"
     sim = flock(*keys)

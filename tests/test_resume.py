@@ -29,6 +29,8 @@ CHANGED = {
     "other_air": ("puffs_arena", ["seed=3", "air_seed=4"]),
     "handover": ("puffs_arena", ["gas.initial_size=4.5 cm", "gas.convection=weno5"]),
     "heat_puffs": ("heated_room", ["wind.buoyancy.heat.heaters.0.power=2 kW"]),
+    "moving_source": ("casting_room", ["gas.sources.0.motion={path: [[0.2, 0.9, 1.3], [0.9, 0.6, 1.6]]}"]),
+    "moving_puffs": ("puffs_arena", ["gas.sources.0.motion={path: [[0.9, 1, 1.6]]}", "gas.sources.0.stop=0.8"]),
     "weno5": ("mixture", ["wind.convection=weno5", "wind.turbulence={kind: vreman}"]),
 }  # fmt: skip
 COVERED = {

@@ -87,10 +87,7 @@ def test_a_line_feels_the_wind_for_as_long():
 def test_times_count_from_setting_off(sim):
     sim.reset()
     sim.run()
-    now, later = (
-        scores.trial_outcomes(one, sim.swarm.snapshot(), scores.source_places(sim))
-        for one in sim.swarm.groups
-    )
+    now, later = (scores.trial_outcomes(sim, one, sim.swarm.snapshot()) for one in sim.swarm.groups)
     assert now["success"] == later["success"] == [True]
     assert abs(later["time_s"][0] - now["time_s"][0]) < sim.dt  # it learns what to do once in a tick
     assert now["path_m"] == later["path_m"]

@@ -18,7 +18,7 @@ from taichi_plume.grid import kernels
 from taichi_plume.results.run import Run
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.declarations import by_trial
-from taichi_plume.scoring.trials import source_places, trial_outcomes, trial_summary
+from taichi_plume.scoring.trials import trial_outcomes, trial_summary
 from taichi_plume.time_loop import Every, TimeLoop
 from taichi_plume.validation.case import Keys
 from taichi_plume.validation.experiment import Mean, Tracks, over_airs
@@ -54,9 +54,8 @@ def afresh() -> None:
 def outcomes(sim: TimeLoop, names: Container[str] | None = None) -> dict[str, dict[str, list[Any]]]:
     """Return the columns of `trial_outcomes` by group, of all groups or those in `names`; with SPIRAL's `escapes`."""
     snapshot = sim.swarm.snapshot()
-    sources = source_places(sim)
     groups = [group for group in sim.swarm.groups if names is None or group.name in names]
-    columns = {group.name: trial_outcomes(group, snapshot, sources) for group in groups}
+    columns = {group.name: trial_outcomes(sim, group, snapshot) for group in groups}
     for team in sim.teams:
         if isinstance(team.algorithm, Spiral):
             escapes = np.zeros(sim.swarm.count, int)

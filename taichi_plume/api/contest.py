@@ -14,7 +14,7 @@ Count = Annotated[int | None, "N"]
 def contest(
     algorithms: Annotated[Sequence[str | dict[str, Any]] | None, "--algorithms NAMES"] = None,
     *,
-    files: Annotated[Sequence[str | Path], "--algorithm FILE.py ..."] = (),
+    files: Annotated[Sequence[str | Path], "--entry FILE.py ..."] = (),
     policies: Annotated[Sequence[str | Path], "--policy FILE ..."] = (),
     scenarios: Annotated[Sequence[str] | None, "NAMES"] = None,
     quick: bool = False,
@@ -37,7 +37,7 @@ def contest(
     each scenario, by default 8. searches: number in each air, by default 8. out: the contest's folder, by default
     contest, which also receives contest.csv, contest.parquet and contest.html. workers: processes, by default one per
     core. retry: repeat failed runs. force: drop runs in the folder that this contest does not ask for. allow_code:
-    execute the files of --algorithm.
+    execute the files of --entry.
 
     The same call resumes an interrupted contest. The warning of failed runs and the errors are those of `study`.
 

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import fields, replace
-from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -97,10 +96,8 @@ def maps(
         width, length = scenario.domain.extent[:2]
         floor = floor or (width - corner[0], length - corner[1])
         if places is None:
-            from taichi_plume.scoring.trials import begins  # imports Taichi
-
-            on = begins(scenario) < scenario.duration
-            places = [source.position[:2] for _, source in compress(scenario.sources, on)]
+            at_end = scenario.targets_at(scenario.duration)
+            places = at_end[np.isfinite(at_end[:, 0]), :2].tolist()
         table = readings.folder / "robots.parquet"
         readings = table if table.exists() else readings.robots
         gases = sum(scenario.backgrounds.values())

@@ -112,6 +112,7 @@ def build(
         scenario.rivals,
         background=any(scenario.backgrounds.values()),
         room=Room(scenario.domain.extent, scenario.domain.depth, scenario.passes_edge, _sought(scenario)),
+        sources_at=scenario.targets_at if scenario.sources_change else None,
     )
     weights = _weights(scenario)
     scalars = {path: Scalar(grid, takes_space=True) for path in weights}
@@ -301,8 +302,8 @@ def _places(scenario: Scenario) -> np.ndarray:
 
 
 def _sought(scenario: Scenario) -> Species | None:
-    """Return the species of the first gas that has sources; None without one."""
-    return next((gas.vapour for _, gas in scenario.gases if gas.sources), None)
+    """Return the species of the first gas whose sources robots search for; None without one."""
+    return next((gas.vapour for _, gas in scenario.gases if gas.sources and gas.searched), None)
 
 
 def _start_generator(seed: int, group: int, trial: int) -> np.random.Generator:

@@ -295,6 +295,11 @@ def _in_cubes(resources: Resources, cubes: "Cubes", wind: ImportedWind) -> Itera
         place = np.array([source.position])
         if place.shape[1] == scenario.domain.dim and cubes.inside(place)[0]:
             yield f"{path}.position: is inside an obstacle of {file}; move the source"
+        elif (motion := vars(source).get("motion")) is not None:
+            times, way = motion.samples(source.position, 0.25 * cubes.size)
+            for n in np.flatnonzero(cubes.inside(way))[:1]:
+                at = f"at {times[n]:.4g} s ({', '.join(f'{x:.4g}' for x in way[n])}) m"
+                yield f"{path}.motion.path: {at} is inside an obstacle of {file}; lead the path around it"
     for n, group in enumerate(scenario.robots):
         places = group.places(scenario.floor)
         if places is not None:

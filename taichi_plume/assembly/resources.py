@@ -29,6 +29,7 @@ from taichi_plume.scenario.playback import (
     PlaybackWind,
     PlumeSimLog,
     PlumeSimWind,
+    played_source,
 )
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas
 from taichi_plume.scenario.policy import Policy
@@ -229,6 +230,9 @@ def completed(gas: PlaybackGas, film: "Film") -> PlaybackGas:
         return gas
     try:
         recorded = film.attributes["gases"][film.gas_of(gas.species)] if film.gas else {}
+        if "sources" in recorded:
+            played = [played_source(source, film.times, gas) for source in recorded["sources"]]
+            recorded = recorded | {"sources": played}
         given = gas.model_dump(exclude_none=True, exclude_defaults=True)
         return PlaybackGas.model_validate(recorded | given | {"kind": "playback"})
     except (ValidationError, LookupError, TypeError):

@@ -61,7 +61,7 @@ def kinds() -> dict[str, type[AnyAlgorithm]]:
 
 def shipped() -> tuple[Entrant, ...]:
     """Return the entrants that ship with the package, the baseline last."""
-    fit = {kind for kind, m in kinds().items() if (m.searches or kind in BESIDE) and not m.in_space}
+    fit = {kind for kind, m in kinds().items() if m.searches or kind in BESIDE}
     names = [kind for kind in kinds() if kind in fit and kind not in FILES]
     names.sort(key=lambda kind: kind == FLOOR)
     return tuple(Entrant(kind, {"kind": kind}, TEAM if kinds()[kind].talks else 1) for kind in names)

@@ -16,7 +16,7 @@ from pydantic import Field
 
 from taichi_plume.assembly.own_code import has_permission, not_allowed
 from taichi_plume.contests import AIRS, QUICK_AIRS, QUICK_SEARCHES, SEARCHES
-from taichi_plume.contests.entrants import Entrant, entrants, known
+from taichi_plume.contests.entrants import Entrant, entrants, kinds, known
 from taichi_plume.files import disk, own_folder
 from taichi_plume.files.own_class import CLASSES, OwnFile
 from taichi_plume.files.run_folder import RunFolderError
@@ -37,7 +37,10 @@ KIND, SCENARIOS, AXIS = (
     "algorithm",
 )  # mark of the folder, its folder of files, axis of studies
 FOLDER = Path(__file__).with_name(SCENARIOS)
-NAMES = ("open_2d", "open_3d", "meandering", "closed_room", "obstacles", "two_sources")
+NAMES = (
+    "open_2d", "open_3d", "meandering", "closed_room", "obstacles", "two_sources", "office", "moving_source",
+    "two_gases", "drone",
+)  # fmt: skip
 """Names of the scenarios in the order of execution and of the tables."""
 QUICK = ("open_2d",)
 """Scenarios of `--quick`."""
@@ -132,6 +135,11 @@ class Contest(NamedTuple):
     allowed: tuple[str, ...] = ()
     again: str = ""
 
+    def entrants_in(self, scenario: Fixed) -> list[Entrant]:
+        """Return the entrants that take part in a scenario: those that climb only where the robot flies."""
+        flies = scenario.scenario.robots[0].body.flies
+        return [each for each in self.entrants if flies or not kinds()[each.section["kind"]].in_space]
+
     @property
     def searches(self) -> int:
         """Number of searches in each air."""
@@ -160,7 +168,13 @@ def contest_of(choice: Choice, again: str = "") -> Contest:
     airs = choice.airs or (QUICK_AIRS if choice.quick else AIRS)
     chosen = tuple(fixed(name, choice.seed, searches) for name in names)
     allowed = tuple(digests.values())
-    return Contest(choice.out, chosen, tuple(entries), airs, allowed, again or choice.call())
+    contest = Contest(choice.out, chosen, tuple(entries), airs, allowed, again or choice.call())
+    empty = [each.name for each in chosen if not contest.entrants_in(each)]
+    if empty:
+        raise ScenarioError(
+            [f"scenario {empty[0]}: none of the algorithms takes part in it, as they fly; add others"]
+        )
+    return contest
 
 
 def scenarios(names: Sequence[str] | None, unless: Sequence[str]) -> list[str]:
@@ -186,7 +200,7 @@ def plans(contest: Contest) -> list["Plan"]:
     made = []
     for scenario in contest.scenarios:
         base, file = folder / f"{scenario.name}.yaml", folder / f"{scenario.name}.study.yaml"
-        variants = {each.name: each.changes(scenario.facts) for each in contest.entrants}
+        variants = {each.name: each.changes(scenario.facts) for each in contest.entrants_in(scenario)}
         study = {
             "name": scenario.name,
             "base": base.name,
@@ -208,7 +222,7 @@ def play(contest: Contest, settings: Settings) -> Iterator["End"]:
     """
     for plan, scenario in zip(plans(contest), contest.scenarios, strict=True):
         if settings.progress:
-            line = f"{scenario.name}: {len(contest.entrants)} algorithms in {contest.airs} airs"
+            line = f"{scenario.name}: {len(contest.entrants_in(scenario))} algorithms in {contest.airs} airs"
             say(line, error=notebook_display() is None)
         own = {"allow_code": contest.allowed, "allow_outside": True}  # own algorithms may lie anywhere
         end = execute(plan, settings._replace(out=contest.study(scenario), report=False, **own))

@@ -27,8 +27,9 @@ MEASURED = (
     "Way / shortest way: length of the robot's path over the shortest path, around obstacles, from its start to the "
     "nearest source.",
     "Some algorithms declare a position of the source. Localisation error: distance from the declared position to the "
-    "nearest source, for the first right declaration of a search or, without one, the last declaration. A declaration "
-    "is false if no source is within 0.25 m. Outcome of a search: declared (a robot declared a source rightly), "
+    "nearest source at that time, for the first right declaration of a search or, without one, the last declaration. A "
+    "declaration is false if no source is within 0.25 m. Strength error: of declarations that carry a strength; others "
+    "have none. Outcome of a search: declared (a robot declared a source rightly), "
     "reached (no robot did, but a robot reached a source), neither. "
     "Robots that stop at a source before they declare have no declaration to judge: see NAME_declares for these.",
     "95 % confidence intervals are over airs: searches in one air are correlated, so whole airs are resampled with all "
@@ -38,7 +39,9 @@ MEASURED = (
     f"keep to the range of their quantity. There are no intervals below {LEAST_VALUES} airs. "
     "If the air does not depend on random numbers, success has Wilson's interval over the searches.",
     "All algorithms have the same robot, sensors, time, airs and starts: start k of air n is the same position for all "
-    "of them. One robot searches, except for DAPSO, a swarm of five, whose time is that of the first to find a source. "
+    "of them. In the scenario drone the robot flies: algorithms of the floor stay at the altitude of the start, and "
+    "those that climb take part only there. One robot searches, except for DAPSO, a swarm of five, whose time is that "
+    "of the first to find a source. "
     "All algorithms have their defaults and are given these facts of the plume: threshold_ppm, a tenth of the highest "
     "mean concentration in the start area, at least 2 ppm, and the mean wind speed.",
 )

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from taichi_plume.contests.execution import AXIS, KIND, Contest
+from taichi_plume.contests.execution import AXIS, KIND, Contest, Fixed
 from taichi_plume.files import disk
 from taichi_plume.guard.terminal import say, show, visible
-from taichi_plume.scoring.declarations import OUTCOMES
+from taichi_plume.scoring.declarations import DECLARED, OUTCOMES
 from taichi_plume.scoring.trials import LEAST_VALUES
 from taichi_plume.studies.estimates import SUCCESS, Quantity, estimated
 from taichi_plume.studies.estimates import TIME as LATE
@@ -25,10 +25,21 @@ TIME = Quantity("time_s", "time (successes)", "s", what="successes")
 WAY = Quantity("path_ratio", "way / shortest way (successes)", "1", what="successes")
 ERROR = Quantity("localisation_error_m", "localisation error", "m", what="searches with a declaration")
 FALSE = Quantity("false_declarations", "false declarations per search", "1")
-DECLARING = (ERROR, FALSE, *(Quantity(name, name, "1", share=True) for name in OUTCOMES))
+RIGHT = Quantity("right_declared_s", "time to the right declaration", "s", what="searches with one")
+STRENGTH = Quantity("strength_error", "strength error", "1", what="searches that declared a strength")
+"""Error of the declared strength; no value for algorithms whose declarations carry none."""
+DECLARING = (ERROR, STRENGTH, RIGHT, FALSE, *(Quantity(name, name, "1", share=True) for name in OUTCOMES))
 """Quantities of algorithms that declare a position of the source."""
 MEASURES = (SUCCESS, TIME, LATE, WAY, *DECLARING)
-BRIEF = {TIME: "time [s]", LATE: "with fails [s]", WAY: "way", ERROR: "error [m]", FALSE: "false"}
+BRIEF = {
+    TIME: "time [s]",
+    LATE: "with fails [s]",
+    WAY: "way",
+    ERROR: "error [m]",
+    STRENGTH: "strength",
+    RIGHT: "right [s]",
+    FALSE: "false",
+}
 """Titles in a terminal, which shows these quantities and the success."""
 NO_INTERVALS = f"No intervals where fewer than {LEAST_VALUES} airs have a value; --airs N gives more airs."
 
@@ -58,19 +69,22 @@ class Row(NamedTuple):
         return columns | {"airs": first.airs if first else 0, "success_words": SUCCESS.words(first)}
 
 
-def _rows(contest: Contest, name: str) -> "Iterator[Row]":
+def _rows(contest: Contest, scenario: Fixed) -> "Iterator[Row]":
     """Yield the row of each algorithm in a scenario that has been started. Raises RunFolderError."""
-    study = open_study(contest.out / name)
+    name, study = scenario.name, open_study(contest.study(scenario))
     runs: Any = study.runs()
     trials: Any = study.trials()
     chance = trials["run"].map(dict(zip(runs["run"], runs["air_by_chance"], strict=True)))
     trials = trials.assign(path_ratio=trials["path_m"] / trials["shortest_m"], air_by_chance=chance)
+    trials[RIGHT.name] = trials["declared_time_s"].where(trials["outcome"] == DECLARED)
+    if STRENGTH.name not in trials:
+        trials[STRENGTH.name] = np.nan
     for outcome in OUTCOMES:
         of_all = (trials["outcome"] == outcome).astype("Float64")
         trials[outcome] = of_all.where(trials["outcome"].notna())
     found = {each.name: estimated(trials, each, [AXIS], study.plan.longest_s) for each in MEASURES}
     searches = trials[AXIS].value_counts()
-    for entrant in contest.entrants:
+    for entrant in contest.entrants_in(scenario):
         mine = runs[runs[AXIS] == entrant.name]
         failed = mine[mine["status"] == "failed"]
         yield Row(
@@ -123,8 +137,8 @@ def conclude(contest: Contest) -> Standings:
     """
     from taichi_plume.contests import page
 
-    names = [each.name for each in contest.scenarios if (contest.study(each) / "plan.parquet").is_file()]
-    rows = [row for name in names for row in _rows(contest, name)]
+    started = [each for each in contest.scenarios if (contest.study(each) / "plan.parquet").is_file()]
+    rows = [row for scenario in started for row in _rows(contest, scenario)]
     standings = Standings(contest, rows, contest.out / f"{KIND}.html")
     if not rows:
         return standings

@@ -43,6 +43,7 @@ class Body(Part):
         )
         super().__init__(model, room, () if isinstance(model, WallMap) else keys)
         self.shape = shape
+        self.walks = model.motion is not None
 
     def _span(self, plane: Plane) -> tuple[list[float], list[float]]:
         low, high = (np.nan_to_num(end, posinf=max(self.room)) for end in (self.shape.low, self.shape.high))
@@ -60,13 +61,7 @@ class Body(Part):
             *([Outline(way, False)] if len(way) else []),
         ]
 
-    @property
-    def walks(self) -> bool:
-        """Whether the obstacle moves along a path."""
-        return self.model.motion is not None
-
     def outline_at(self, t: float, plane: Plane) -> Outline:
-        """Return the outline of a walking obstacle at time t [s] of a run."""
         shift = np.zeros(3)
         shift[:2] = np.subtract(self.model.motion.place(self.model.center, t), self.model.center[:2])
         return Outline(self.outlines(plane)[0].points + shift[list(plane)])

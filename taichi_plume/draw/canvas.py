@@ -20,7 +20,6 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
-from taichi_plume.draw.bodies import Body
 from taichi_plume.draw.objects import Scene, Thing
 from taichi_plume.draw.parts import Outline, Pane, Plane, Point, Rectangle, extent
 from taichi_plume.execution.latest_instant import Instant, Picture
@@ -239,7 +238,7 @@ class Canvas:
             edge, width = CHOSEN, max(width, 2.5)
         if kind == "robots" and isinstance(thing.part, Rectangle):
             alpha = 0.2  # an area of starts
-        if self.sight is not None and isinstance(thing.part, Body) and thing.part.walks:
+        if self.sight is not None and thing.part is not None and thing.part.walks:
             alpha = AT_START
         if thing.path in self.faded and thing.path not in chosen:
             alpha *= FADED
@@ -447,10 +446,8 @@ class Canvas:
                 self._fill(layer)
             self.note.text, self.bar.visible = "", False
             return
-        bodies = [thing.part for thing in of.things if isinstance(thing.part, Body)]
-        self._fill(
-            "walkers", (body.outline_at(sight.t, self.plane).points.T for body in bodies if body.walks)
-        )
+        walking = [thing.part for thing in of.things if thing.part is not None and thing.part.walks]
+        self._fill("walkers", (part.outline_at(sight.t, self.plane).points.T for part in walking))
         self._show_room(of, present if present is not None else of, name)
         if self.plane == ABOVE:
             self._show_air(sight, picture, of.room)

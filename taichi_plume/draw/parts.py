@@ -43,6 +43,8 @@ class Part:
     """
 
     within = ""
+    walks = False
+    """Whether the section moves along a path."""
 
     def __init__(self, model: Any, room: tuple[float, ...], keys: Sequence[str] = ()):
         self.model, self.room, self.keys = model, room, keys
@@ -70,6 +72,10 @@ class Part:
     def outlines(self, plane: Plane) -> list[Outline]:
         """Return what is drawn in a plane."""
         return []
+
+    def outline_at(self, t: float, plane: Plane) -> Outline:
+        """Return the outline of a section that walks at time t [s] of a run."""
+        return self.outlines(plane)[0]
 
     def handles(self, plane: Plane) -> dict[str, Point]:
         """Return the handles in a plane by their names; `center` moves the whole section."""
@@ -317,6 +323,16 @@ class Points(Part):
         self.radius = self.rim or radius or 0.02 * min(room[:2])
         self.base = base
         self.places = np.array(list(self.points.values()) if places is None else places)
+        self.motion = vars(model).get("motion")
+        self.walks = self.motion is not None
+
+    @property
+    def _way(self) -> dict[str, Sequence[float]]:
+        """Way points (dim,) [m] of a source that moves, by their handles."""
+        return {f"way {n}": point[1:] for n, point in enumerate(self.motion.path)} if self.motion else {}
+
+    def outline_at(self, t: float, plane: Plane) -> Outline:
+        return Outline(circle(self.model.places(t)[[*plane]], self.radius))
 
     def outlines(self, plane: Plane) -> list[Outline]:
         if self.places.shape[1] > max(plane):
@@ -327,8 +343,9 @@ class Points(Part):
                 rectangle((x - self.radius, low), (x + self.radius, low + height))
                 for x in self.places[:, plane[0]]
             ]
-        ends = [self._seen(end, plane) for end in self.points.values()]
-        return [*map(Outline, discs), *([Outline(np.array(ends), False)] if len(self.keys) == 2 else [])]
+        ends = [self._seen(end, plane) for end in (*self.points.values(), *self._way.values())]
+        is_line = len(self.keys) == 2 or self.walks
+        return [*map(Outline, discs), *([Outline(np.array(ends), False)] if is_line else [])]
 
     def _seen(self, point: Sequence[float], plane: Plane) -> Point:
         return pair([point[d] if d < len(point) else self.base[0] for d in plane])
@@ -338,6 +355,7 @@ class Points(Part):
         x, y = pair(np.mean(list(seen.values()), axis=0))
         # of handles at one place the first counts: the middle one of three robots can be moved alone
         handles = {**(seen if len(seen) > 1 else {}), "center": (x, y)}
+        handles |= {name: self._seen(point, plane) for name, point in self._way.items()}
         return handles | ({"rim": (x + self.rim, y)} if self.rim else {})
 
     def measure(self, handle: str, plane: Plane) -> str:
@@ -347,7 +365,16 @@ class Points(Part):
         if handle == "rim":
             x, y = self.handles(plane)["center"]
             return {"radius": max(LEAST, hypot(to[0] - x, to[1] - y))}
+        if handle in self._way:
+            put = zip(plane, to, strict=True)
+            return {f"motion.path[{handle[4:]}][{1 + axis}]": float(x) for axis, x in put}
         return super().moved(handle, plane, to)
+
+    def shifted(self, by: np.ndarray) -> Values:
+        values = super().shifted(by)
+        for n, point in enumerate(self._way.values()):
+            values |= {f"motion.path[{n}][{1 + d}]": x for d, x in enumerate(moved_point(point, by))}
+        return values
 
 
 def start_part(group: Group | None, start: Any, room: tuple[float, ...]) -> Part:

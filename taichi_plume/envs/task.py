@@ -104,6 +104,9 @@ def require_task(scenario: Scenario) -> None:
     for n, obstacle in enumerate(scenario.obstacles):
         if obstacle.motion:
             raise ScenarioError([f"obstacles[{n}]: moves; environments support only fixed obstacles"])
+    for path, source in scenario.sources:
+        if vars(source).get("motion"):
+            raise ScenarioError([f"{path}.motion: environments support only sources that stay in place"])
     require_parted(scenario)
 
 

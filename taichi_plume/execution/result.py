@@ -125,9 +125,8 @@ def _groups(sim: TimeLoop) -> list[Json]:
     if not sim.swarm.count:
         return []
     now, groups = sim.swarm.snapshot(), []
-    sources = scores.source_places(sim)
     for group in sim.swarm.groups:
-        trials = scores.trial_outcomes(group, now, sources)
+        trials = scores.trial_outcomes(sim, group, now)
         times = [t for t, good in zip(trials["time_s"], trials["success"], strict=True) if good]
         paths = [p for p, good in zip(trials["path_m"], trials["success"], strict=True) if good]
         others = [] if sim.scenario.rivals else [other for other in sim.swarm.groups if other is not group]

@@ -66,7 +66,9 @@ def statistics_of(
     if (path / "probes.arrows").exists():
         raise RunFolderError(f"{path}: was killed; {repair} completes its files")
     every = [source for _, part in run.scenario.gases for source in part.sources]
-    positions = [source.position for source in every if isinstance(source, Located)]
+    positions = [
+        source.position for source in every if isinstance(source, Located) and not vars(source).get("motion")
+    ]
     sources = np.array(positions, float) if positions else None
     if table.exists():
         found = _of_probes(table, run.scenario.name, options, sources, sensors)

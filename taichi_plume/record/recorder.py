@@ -44,7 +44,7 @@ class Recorder:
     Raises OSError, from the constructor or an observer, as soon as the disk has too little room.
     """
 
-    STATE = ("t", "share", "schedule", "tracks", "maps", "wind_maps", "arrows")
+    STATE = ("t", "share", "schedule", "shown", "tracks", "maps", "wind_maps", "arrows")
 
     def __init__(
         self,
@@ -66,10 +66,13 @@ class Recorder:
             n: [] for n, obstacle in enumerate(scenario.obstacles) if obstacle.motion
         }
         """(time, x, y) of each moving obstacle since the last flush."""
+        changing = [n for n, (_, source) in enumerate(scenario.sources) if scene.changes(source)]
+        self.shown: dict[int, list[float]] = {n: [] for n in changing}
+        """Drawn place of each source that moves, appears or ends; empty while it is not there."""
         scores = map_scores or MapScores(sim)
         self.own_scores = None if map_scores else scores
         decisions = [each.name for each in sim.decision_columns()]
-        stage = Stage.of(sim.grid.extent)
+        self.stage = stage = Stage.of(sim.grid.extent)
         self.observer = observer or Observer(sim, views(sim))
         self.own_observers = [] if observer else self.observer.observers()
         seen = planes.planes(scenario, sim.grid.extent)
@@ -104,6 +107,7 @@ class Recorder:
             *self.own_observers,
             Every(SAMPLE_PERIOD, self.tracks.sample),
             Every(SAMPLE_PERIOD, self.sample_obstacles, warm_up=True),
+            *([Every(SAMPLE_PERIOD, self.show_sources, warm_up=True)] if self.shown else []),
             *([self.own_scores.observer()] if self.own_scores else []),
             Every(1.0, self.maps.show),
             Every(1.0, self.wind_maps.show),
@@ -142,6 +146,20 @@ class Recorder:
             if obstacle.motion is not None:
                 x, y = obstacle.motion.place(obstacle.center, sim.t)
                 samples.append((sim.t, x - obstacle.center[0], y - obstacle.center[1]))
+
+    def show_sources(self, sim: TimeLoop) -> None:
+        """Draw the sources that move, appear or end at their present places, and clear those that are not there."""
+        places = sim.scenario.sources_at(sim.t)
+        for n, before in self.shown.items():
+            place = [] if np.isnan(places[n]).any() else places[n].tolist()
+            if place == before:
+                continue
+            if place:
+                for entity, archetype in scene.source_ball(n, sim.scenario.sources[n][1], place, self.stage):
+                    self.stream.log(sim.t, entity, archetype)
+            else:
+                self.stream.log(sim.t, f"world/sources/{n}", rr.Clear(recursive=True))
+            self.shown[n] = place
 
     def note(self, sim: TimeLoop) -> None:
         """Log scheduled events and write the gathered samples; many robots take turns, as a run in real time has less

@@ -68,7 +68,9 @@ def arena(scenario: Scenario, obstacles: Sequence[Shape], stage: Stage) -> Entit
         if walks:
             yield from _walk(n, shape.model, stage)
     for n, (_, source) in enumerate(scenario.sources):
-        yield from _source(f"world/sources/{n}", source, stage)
+        if not changes(source):
+            yield from source_ball(n, source, source.position, stage)
+        yield from _way(n, source, stage)
     for n, opening in enumerate(scenario.openings):
         if (region := opening.region) is not None:
             name = opening.label if opening.passes else None
@@ -118,9 +120,23 @@ def _solid(shape: Shape, stage: Stage, color: Color) -> rr.AsComponents:
     return mesh(shape.mesh(stage.size), color)
 
 
-def _source(entity: str, source: AnySource, stage: Stage) -> Entities:
-    """Yield a gas source: a crimson ball with the source's name above in white."""
-    position = [*source.position, *[stage.height / 2] * (3 - len(source.position))]
+def changes(source: AnySource) -> bool:
+    """Return whether a source moves, appears or ends, so that it cannot be drawn once for the whole run."""
+    return vars(source).get("motion") is not None or source.on != (-np.inf, np.inf)
+
+
+def _way(n: int, source: AnySource, stage: Stage) -> Entities:
+    """Yield the path of a source that moves."""
+    motion = vars(source).get("motion")
+    if motion is not None:
+        way = np.array([source.position, *(point[1:] for point in motion.path)])
+        way = np.column_stack([way, np.full((len(way), 3 - way.shape[1]), stage.height / 2)])
+        yield f"world/ways/{n}", rr.LineStrips3D([way], colors=rgb(SOURCE), radii=rr.Radius.ui_points(0.7))
+
+
+def source_ball(n: int, source: AnySource, place: Sequence[float] | np.ndarray, stage: Stage) -> Entities:
+    """Yield gas source n at a place [m]: a crimson ball with the source's name above in white."""
+    entity, position = f"world/sources/{n}", [*place, *[stage.height / 2] * (3 - len(place))]
     radius = max(source.radius, 0.006 * stage.length)
     if len(stage.extent) == 2:
         radius = min(radius, 0.02 * stage.length)
@@ -213,16 +229,21 @@ def section(sim: TimeLoop, raster: Raster, stage: Stage) -> Entities:
         yield f"{name}/solid", picture(plane, solid.shape, raster.cell[0], raster.origin, stage, **how)
     near = beside(sim, plane)
     for n, (_, source) in enumerate(sim.scenario.sources):
-        if f"sources/{n}" in near:
+        if f"sources/{n}" in near and not changes(source):
             x, z = (source.position[d] for d in plane.axes)
             above = placed(plane, [[x, min(z + source.radius + 0.14 * stage.length, v)]], stage, 8)[0]
             yield f"{name}/sources/{n}", label("source", above, WHITE)
 
 
 def beside(sim: TimeLoop, plane: Plane) -> list[str]:
-    """Return the entity names of sources and heaters that touch or nearly touch a vertical section."""
+    """Return the entity names of sources and heaters that touch or nearly touch a vertical section, or move."""
     heat = sim.scenario.heat
     there = [(f"sources/{n}", thing) for n, (_, thing) in enumerate(sim.scenario.sources)]
     there += [(f"heaters/{n}", heater) for n, heater in enumerate(heat.heaters if heat is not None else ())]
     normal, level = plane.normal or 0, plane.level or 0.0
-    return [name for name, thing in there if abs(thing.position[normal] - level) < thing.radius + sim.grid.dx]
+    return [
+        name
+        for name, thing in there
+        if vars(thing).get("motion") is not None
+        or abs(thing.position[normal] - level) < thing.radius + sim.grid.dx
+    ]

@@ -144,9 +144,10 @@ def _drawn(run: Run, pictures: Sequence[Picture], scale: tuple[float, float], un
                 _arrows(panel, values, reach, scale[1])
             edge = {"fill": False, "edgecolor": theme.INK, "linewidth": 1, "clip_on": False}
             panel.add_patch(Rectangle((0, 0), width, length, **edge))
-            for _, source in run.scenario.sources:
+            end = run.begin + run.result.get("simulated_s", run.scenario.duration - run.begin)
+            for place in run.scenario.sources_at(end):
                 star = {"color": theme.SOURCE, "markeredgecolor": "white", "markersize": 11}
-                panel.plot(*source.position[:2], "*", **star)
+                panel.plot(*place[:2], "*", **star)
             panel.set(xlim=(0, width), ylim=(0, length))
             panel.set_title(title, fontsize=9)
         theme.scale(axes, image, *scale, unit != "m/s", unit)

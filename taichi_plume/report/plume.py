@@ -100,7 +100,9 @@ class PlumeView:
         self.plane, self.scale = theme.PLANES[picture.axes], Scale.of(picture.attrs)
         extent = run.scenario.domain.extent
         self.length = max(extent[d] for d in self.plane)
-        solids = scene.draw(axes, run.scenario, run.shapes, False, self.plane, starts=False)
+        plain = {"sizes": False, "plane": self.plane, "starts": False, "sources": False}
+        solids = scene.draw(axes, run.scenario, run.shapes, **plain)
+        self.sources = [scene.source_mark(axes, source, self.plane) for _, source in run.scenario.sources]
         colors = theme.colors_of(picture.units)
         self.image = axes.imshow(
             np.zeros(picture.shape[-2:], np.uint8), cmap=colors, vmin=0, vmax=255, origin="lower",
@@ -130,6 +132,8 @@ class PlumeView:
         self.clock: Text | None = None  # set by `figure_of`
         patches = [patch for patch, _ in self.walkers]
         drawn = [self.image, *patches, self.arrows, self.trails, self.rims, self.bodies]
+        if run.scenario.sources_change:
+            drawn += [mark for marks in self.sources for mark in marks]
         self.moving: list[Artist] = [*drawn, *self.crosses]
 
     def show(self, t: float, values: np.ndarray, arrows: Arrows | None = None) -> None:
@@ -139,6 +143,13 @@ class PlumeView:
             place = (*model.motion.place(model.center, t), 0.0)
             way = [place[d] - (*model.center[:2], 0.0)[d] for d in self.plane]
             patch.set_transform(Affine2D().translate(*way) + self.axes.transData)
+        if self.run.scenario.sources_change:
+            places = self.run.scenario.sources_at(t)[:, list(self.plane)]
+            for (disc, star), place in zip(self.sources, places, strict=True):
+                is_there = bool(np.isfinite(place).all())
+                disc.set_visible(is_there)
+                disc.set_center(tuple(place))
+                star.set_data(place[:1], place[1:])
         if arrows is not None and len(arrows.times):
             n = max(0, int(np.searchsorted(arrows.times, t + 1e-6, side="right")) - 1)
             self.arrows.set_verts(arrow_outlines(arrows.tails[n], arrows.ways[n]))

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 
 from taichi_plume.grid.shapes import Shape
@@ -40,12 +41,13 @@ def draw(
     sizes: bool = True,
     plane: tuple[int, int] = ABOVE,
     starts: bool = True,
+    sources: bool = True,
 ) -> list[Artist]:
     """Draw walls, openings, screens, obstacles, heaters, sources, the robots' arena and start positions.
 
     shapes: obstacles, and cubes of an imported wind; by default all obstacles without a file. sizes: whether names
-    and sizes are written. plane: `ABOVE`, in 3-D also `SIDE` or `FRONT`. starts: whether start positions are drawn.
-    Returns the artists of the shapes.
+    and sizes are written. plane: `ABOVE`, in 3-D also `SIDE` or `FRONT`. starts, sources: whether start
+    positions and sources are drawn. Returns the artists of the shapes.
     """
     extent = scenario.domain.extent
     a, b = plane
@@ -61,7 +63,9 @@ def draw(
         if sizes:
             theme.note(axes, low[0] + size[0], low[1], "robots' arena ", theme.FAINT, ha="right", va="bottom")
     openings.windows(axes, scenario, plane, sizes)
-    _sources(axes, scenario, plane, sizes)
+    if sources:
+        _sources(axes, scenario, plane, sizes)
+    _warmth(axes, scenario, plane, sizes)
     if starts:
         _starts(axes, scenario, plane, sizes)
     if sizes and plane == ABOVE and len(shapes) <= MOST_LABELS:
@@ -173,16 +177,33 @@ def all_shapes(prepared: "Prepared") -> list[Shape]:
 # ---------------------------------------------------------------- sources and robots
 
 
+def source_mark(axes: Axes, source: AnySource, plane: tuple[int, int]) -> tuple[Circle, Line2D]:
+    """Draw a gas source at its position, and its path if it moves; return its disc and its star."""
+    motion, place = vars(source).get("motion"), _place(source.position, plane)
+    if motion is not None:
+        way = np.array([source.position, *(point[1:] for point in motion.path)])[:, list(plane)]
+        axes.plot(*way.T, color=theme.SOURCE, linewidth=1, linestyle=(0, (4, 3)), zorder=8)
+    style = {"facecolor": theme.SOURCE, "edgecolor": "none", "alpha": 0.35, "zorder": 9}
+    disc = Circle(place, source.radius, **style)
+    axes.add_patch(disc)
+    (star,) = axes.plot(*place, "*", color=theme.SOURCE, markeredgecolor="white", markersize=13, zorder=10)
+    return disc, star
+
+
 def _sources(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool) -> None:
-    """Draw gas sources, heaters and heated or cooled walls, with labels if `sizes`."""
+    """Draw gas sources, with labels if `sizes`."""
     named = sizes and plane == ABOVE and len(scenario.sources) <= MOST_LABELS
-    for _, source in scenario.sources:
-        place = _place(source.position, plane)
-        style = {"facecolor": theme.SOURCE, "edgecolor": "none", "alpha": 0.35, "zorder": 9}
-        axes.add_patch(Circle(place, source.radius, **style))
-        axes.plot(*place, "*", color=theme.SOURCE, markeredgecolor="white", markersize=13, zorder=10)
+    searched = [gas.searched for _, gas in scenario.gases for _ in gas.sources]
+    for (_, source), is_target in zip(scenario.sources, searched, strict=True):
+        source_mark(axes, source, plane)
         if named:
-            theme.note(axes, *place, _given_off(source), theme.SOURCE, va="bottom", dy=8)
+            place, not_searched = _place(source.position, plane), "" if is_target else ", not searched for"
+            theme.note(axes, *place, _given_off(source) + not_searched, theme.SOURCE, va="bottom", dy=8)
+
+
+def _warmth(axes: Axes, scenario: Scenario, plane: tuple[int, int], sizes: bool) -> None:
+    """Draw heaters and heated or cooled walls, with labels if `sizes`."""
+    named = sizes and plane == ABOVE and len(scenario.sources) <= MOST_LABELS
     heat = scenario.heat
     for heater in heat.heaters if heat else ():
         place = _place(heater.position, plane)

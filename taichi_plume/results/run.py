@@ -12,6 +12,7 @@
     run.result      dict: result.json
     run.trials      pandas.DataFrame: a row per trial of each group, of a run that has ended
     run.scenario    Scenario: with every default
+    run.sources_at  function from times [s] to the true positions of the sources [m]
 
 Opening is instant; each part is read on first use. A running or killed run has the parts that reached the disk. Missing
 or damaged parts raise RunFolderError with a message of one line.
@@ -39,6 +40,7 @@ from taichi_plume.guard.yaml_text import LARGEST_FILE
 from taichi_plume.version import __version__
 
 if TYPE_CHECKING:
+    import numpy as np
     import pandas
     import pyarrow
     import xarray
@@ -207,6 +209,13 @@ class Run:
         from taichi_plume.files import maps_file
 
         return maps_file.read_beliefs(self._path("maps"))
+
+    def sources_at(self, t: "float | np.ndarray") -> "np.ndarray":
+        """Return the true positions of all sources (..., m, dim) [m] at times t (...) [s].
+
+        NaN for a source that has not started or has ended.
+        """
+        return self.scenario.sources_at(t)
 
     @property
     def status(self) -> str:

@@ -307,7 +307,15 @@ def _smells(path: str, group: Group, context: Context) -> Iterator[str]:
 def _starts(path: str, group: Group, context: Context, where: Course | None) -> Iterator[str]:
     """Yield warnings of robots that cannot reach a source in time, or all start upwind of every source."""
     scenario, floor = context.scenario, context.scenario.floor
-    sources = np.array([source.position[:2] for _, source in scenario.sources])
+    ends = [
+        point[-scenario.domain.dim :][:2]
+        for _, gas in scenario.gases
+        if gas.searched
+        for source in gas.sources
+        for motion in [vars(source).get("motion")]
+        for point in (source.position, *(motion.path if motion else ()))
+    ]
+    sources = np.array(ends)
     if not len(sources) or not group.reach:
         return
     outside = np.maximum(floor.low - sources, np.maximum(sources - floor.high, 0.0))

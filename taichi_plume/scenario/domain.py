@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from taichi_plume.grid.shapes import Shape
+from taichi_plume.quantities import fault
 from taichi_plume.scenario import si
 from taichi_plume.scenario.vocabulary import SHAPE, Model
 
@@ -135,6 +136,30 @@ class Located(Model):
     """Noun for the section in messages."""
     position: si.Point
     """Position of the middle, per axis. It has to be in the air: in the room and outside of all obstacles."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _moves(cls, data: object) -> object:
+        """Raise an error for a motion of what stays in place, such as the source of a steady plume."""
+        if isinstance(data, dict) and "motion" in data and "motion" not in cls.model_fields:
+            raise fault(
+                f"motion: the {cls.what} stays in place here; sources of eulerian gas and of puffs can move"
+            )
+        return data
+
+    @property
+    def on(self) -> tuple[float, float]:
+        """Times [s] from which and until which the source is there; infinite without limit."""
+        keys = vars(self)
+        start, stop = (
+            keys.get("start", keys.get("time")),
+            keys.get("stop"),
+        )  # a puff has the time of its release
+        return -np.inf if start is None else start, np.inf if stop is None else stop
+
+    def places(self, t: float | np.ndarray) -> np.ndarray:
+        """Return the positions (..., dim) [m] at times t (...) [s]."""
+        return np.broadcast_to(self.position, (*np.shape(t), len(self.position)))
 
     def errors(self, where: str, context: Context) -> Iterator[str]:
         position = np.array([self.position])

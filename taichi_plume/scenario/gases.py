@@ -20,7 +20,7 @@ from taichi_plume.scenario.initial_conditions import InitialGas
 from taichi_plume.scenario.own_code import OwnGas
 from taichi_plume.scenario.playback import GadenGas, MovieGas, Playback
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas, PlumeSimMeander, PlumeSimPuff
-from taichi_plume.scenario.sources import AnySpecies, OneGas, Source, dishes
+from taichi_plume.scenario.sources import AnySpecies, OneGas, PlayedSource, Source, dishes
 from taichi_plume.scenario.species import Species
 from taichi_plume.scenario.surfaces import GasSurfaces, Inflow, inflow_faults
 from taichi_plume.scenario.vocabulary import AT_START, SHAPE, SPATIAL, Convection, Model
@@ -169,7 +169,7 @@ class PlaybackGas(OneGas, Playback):
     """Species of the gas; unless given, the recorded one."""
     background: si.Concentration | None = None  # type: ignore[assignment]
     """Concentration of the species in clean air, which the record does not contain; unless given, that of its run."""
-    sources: tuple[Source, ...] = ()
+    sources: tuple[PlayedSource, ...] = ()
     """Places that robots search for; unless given, the recorded ones."""
 
 

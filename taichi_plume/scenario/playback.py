@@ -1,11 +1,14 @@
 """Playback of recorded winds and gases: frames of an earlier run, pictures of a movie, points in logs of PlumeSim."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from math import inf
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
+
+import numpy as np
 
 from taichi_plume.scenario import si
 from taichi_plume.scenario.domain import Context
+from taichi_plume.scenario.motion import SourceMotion
 from taichi_plume.scenario.sources import OneGas, Target
 from taichi_plume.scenario.vocabulary import FileName, Model
 from taichi_plume.scenario.wind_base import AnyWind
@@ -30,6 +33,43 @@ class Played(Model):
     def looped(self) -> tuple[float, float]:
         """Times [s] of the first and the last frame that a loop repeats; infinite for all."""
         return -inf, inf
+
+
+def played_source(source: Mapping[str, Any], times: np.ndarray, model: Played) -> dict[str, Any]:
+    """Return the keys of a recorded source with its `start`, `stop` and `motion` in the time of the run that plays it.
+
+    source: keys of a `Source` in the time of the record; times: of the frames [s]. In a loop the source is there all
+    the time, and moves from the end of the record to its start as the gas does, within a frame.
+    """
+    source, first, last = dict(source), float(times[0]), float(times[-1])
+    for key in ("start", "stop"):
+        moment = source.pop(key, None)
+        if moment is not None and not model.loop and (key == "start" or moment < last):
+            source[key] = (moment - model.start) / model.rate
+    given = source.pop("motion", None)
+    if given is None:
+        return source
+    motion, position = SourceMotion.model_validate(given), source["position"]
+    ends = np.array([0.0, *(point[0] for point in motion.path)])
+    if motion.loop:
+        laps = np.arange(np.floor(first / ends[-1]), np.ceil(last / ends[-1]))
+        ends = (laps[:, None] * ends[-1] + ends).ravel()
+    nodes = np.unique([first, last, *ends[(ends > first) & (ends < last)]])
+    period = last - first + float(np.median(np.diff(times))) if len(times) > 1 else np.inf
+    begin, after = model.start, nodes - model.start
+    places = motion.places(position, nodes)
+    if model.loop and np.isfinite(period):
+        begin, after = first + (begin - first) % period, after % period
+        nodes, places = np.append(nodes, first + period), np.concatenate([places, places[:1]])
+        here = np.array([np.interp(begin, nodes, along) for along in places.T])
+        after, order = np.unique(np.append(after, period), return_index=True)
+        places = np.concatenate([places[:-1], here[None]])[order]
+    else:
+        here = motion.places(position, float(np.clip(begin, first, last)))
+    ahead = after > 1e-9
+    path = np.column_stack([after[ahead] / model.rate, places[ahead]])
+    moves = {"motion": {"path": path.tolist(), "loop": model.loop}} if len(path) else {}
+    return source | {"position": here.tolist()} | moves
 
 
 class Playback(Played):

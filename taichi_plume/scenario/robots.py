@@ -207,7 +207,10 @@ class Group(Model):
         places = self.start.places(self.count)
         if places is None:
             return
+        gases = dict(context.scenario.gases)
         for path, source in context.scenario.sources:
+            if not gases[path.rpartition(".")[0]].searched:
+                continue
             apart = np.linalg.norm(places - np.array(source.position[:2]), axis=1)
             if self.body.flies and len(source.position) == 3:
                 apart = np.hypot(apart, self.start_altitude + 0.5 * self.body.height - source.position[2])

@@ -264,6 +264,37 @@ class Scenario(Model):
         )
 
     @property
+    def sources_change(self) -> bool:
+        """Whether any source moves, appears after the start of the robots, ends, or is not searched for."""
+        return not all(gas.searched for _, gas in self.gases) or any(
+            vars(source).get("motion") is not None or source.on[0] > 0.0 or source.on[1] < np.inf
+            for _, source in self.sources
+        )
+
+    def targets_at(self, t: float | np.ndarray) -> np.ndarray:
+        """Return positions like `sources_at`, with NaN also for the sources of gases that are not searched for."""
+        searched = np.array([gas.searched for _, gas in self.gases for _ in gas.sources], bool)
+        return np.where(searched[:, None], self.sources_at(t), np.nan)
+
+    def sources_at(self, t: float | np.ndarray) -> np.ndarray:
+        """Return the positions of all sources (..., m, dim) [m] at times t (...) [s], in the order of `sources`.
+
+        NaN for a source that has not started or has ended. A source that pulses is there during its pauses, too.
+
+        >>> import taichi_plume as tp
+        >>> path = {"path": [[10, 2.0, 1.0]]}
+        >>> room = tp.Scenario.from_file("casting_room").with_({"gas.sources.0.motion": path})
+        >>> room.sources_at(20.0).tolist()
+        [[2.0, 1.0]]
+        """
+        t = np.asarray(t, float)
+        places = np.full((*t.shape, len(self.sources), self.domain.dim), np.nan)
+        for n, (_, source) in enumerate(self.sources):
+            start, stop = source.on
+            places[..., n, :] = np.where(((start < t) & (t <= stop))[..., None], source.places(t), np.nan)
+        return places
+
+    @property
     def learners(self) -> Group:
         """Group of robots that learns in environments: the first with a policy, or else the first, with a new policy.
 

@@ -1,8 +1,9 @@
 """Species, sources and evaporation dishes of gas in a scenario, and the base class of gases of one species."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Annotated, ClassVar, Self
 
+import numpy as np
 from pydantic import BeforeValidator, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
@@ -11,6 +12,7 @@ from taichi_plume.scenario import si
 from taichi_plume.scenario.changes import shown
 from taichi_plume.scenario.domain import Context, Domain, Located
 from taichi_plume.scenario.gas_amounts import converted
+from taichi_plume.scenario.motion import SourceMotion
 from taichi_plume.scenario.species import PRESSURE, SPECIES, TEMPERATURE, Species, SpeciesName
 from taichi_plume.scenario.suggestions import hint
 from taichi_plume.scenario.vocabulary import Model, exactly_one, stop_after_start
@@ -109,6 +111,8 @@ class Source(Located):
     """Last moment of emission; unless given, the end of the run."""
     puffing: Puffing | None = None
     """Switches the source on and off; unless given, it emits evenly."""
+    motion: SourceMotion | None = None
+    """Motion of the source along a path; unless given, it stays at its position."""
 
     _rate_or_dish = exactly_one("rate", "dish")
     _order = stop_after_start()
@@ -120,13 +124,41 @@ class Source(Located):
         return self
 
     def errors(self, where: str, context: Context) -> Iterator[str]:
-        yield from super().errors(where, context)
+        lines = list(super().errors(where, context))
+        if self.motion is not None and not lines:
+            lines += self.motion.point_errors(where, self.position, context)
+            lines += [] if lines else self.way_errors(where, context)
+        yield from lines
         half = 0.5 * self.dish.diameter if self.dish else self.radius
         spreads = half < self.radius <= context.domain.spacing * (1 + 1e-6)
         if self.dish and abs(self.radius - half) > 0.01 * half and not spreads:
             yield (
                 f"{where}: radius = {self.radius:g} m is not half of dish.diameter = {self.dish.diameter:g} m; remove "
                 f"radius, or use {half:g} m"
+            )
+
+    def way_errors(self, where: str, context: Context) -> Iterator[str]:
+        """Yield an error of a path that is too fast or leads through an obstacle."""
+        if self.motion is not None:
+            yield from self.motion.segment_errors(where, self.position, context)
+
+    def places(self, t: float | np.ndarray) -> np.ndarray:
+        return super().places(t) if self.motion is None else self.motion.places(self.position, t)
+
+    def require_air(self, where: str, apart: float, in_air: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Raise ValueError if the path of the source leads through cells without air.
+
+        where: path of the source; apart: distance of samples [m]; in_air: function from points (n, dim) [m] to a mask.
+        """
+        if self.motion is None:
+            return
+        t, places = self.motion.samples(self.position, apart)
+        solid = np.flatnonzero(~in_air(places))
+        if len(solid):
+            place = ", ".join(f"{x:.4g}" for x in places[solid[0]])
+            raise ValueError(
+                f"{where}.motion.path: at {t[solid[0]]:.4g} s ({place}) m is not in the air; lead the path around "
+                "obstacles, or lower domain.spacing"
             )
 
     def warnings(self, where: str, context: Context) -> Iterator[str]:
@@ -143,6 +175,13 @@ class Target(Source):
 
     def warnings(self, where: str, context: Context) -> Iterator[str]:
         yield from ()
+
+
+class PlayedSource(Source):
+    """A source of a recorded gas, for which robots search; the record has the gas."""
+
+    def way_errors(self, where: str, context: Context) -> Iterator[str]:
+        yield from ()  # a film in a loop takes its source from the end of the path to the start
 
 
 def never_emits(where: str, start: float | None, stop: float | None, context: Context) -> Iterator[str]:
@@ -196,6 +235,10 @@ class OneGas(Model):
     in clean air: their thresholds, and gas maps and fields, count from the background on. Weight, uptake by surfaces
     and the keys `inflow` and `initial` concern the gas above the background alone. Gases of one species share one
     background."""
+
+    searched: bool = True
+    """Whether robots search for the sources of the gas. With false the gas distracts: its sources count nowhere as
+    found, reached or rightly declared, but sensors respond to it."""
 
     @model_validator(mode="before")
     @classmethod

@@ -8,7 +8,7 @@ Algorithms that implement `agents.beliefs.Believer` are scored. Per trial, the m
     entropy_bits         entropy of the belief (- sum p log2 p)
     within_reach         probability of the positions within the group's reach of a true source
 
-The distances and the probability are NaN while no source has started.
+Sources count where they are at the time. The distances and the probability are NaN while there is no source.
 """
 
 from dataclasses import dataclass
@@ -90,7 +90,6 @@ class BeliefScores:
     STATE = ("rows",)
 
     def __init__(self, sim: TimeLoop):
-        self.sources, self.begins = scores.source_places(sim)[:, :2], scores.begins(sim.scenario)
         self.groups = sum(len(believer.members.groups) for believer in believers(sim))
         self.rows = Series(len(OF_BELIEFS) * self.groups)
 
@@ -99,7 +98,7 @@ class BeliefScores:
 
     def now(self, sim: TimeLoop) -> list[tuple[GroupBeliefs, np.ndarray]]:
         """Return the current beliefs of each group with their scores (5, trials)."""
-        on = self.sources[self.begins < sim.t]
+        on = scores.present(sim.scenario, sim.t)
         return [(belief, belief.scores(on)) for belief in beliefs(sim)]
 
     def sample(self, sim: TimeLoop) -> None:

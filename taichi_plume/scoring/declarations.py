@@ -1,6 +1,6 @@
 """Judging of declarations: the outcome of each trial and the localisation error of the declared source position."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,13 +27,27 @@ def by_trial(group: "GroupRange", values: np.ndarray) -> np.ndarray:
     return rows.reshape(group.trials, group.count, *values.shape[1:])
 
 
-def declared_outcomes(group: "GroupRange", snapshot: Snapshot, sources: np.ndarray) -> Json:
-    """Return the outcome of each trial of a group, as columns; sources: (m, 2) [m].
+def nearest_source(places: np.ndarray, sources: np.ndarray) -> np.ndarray:
+    """Return the distance (...) [m] of positions (..., d) to the nearest source; infinite without any.
+
+    sources: (..., m, d or more) [m]; NaN for a source that is not there.
+    """
+    apart = np.linalg.norm(places[..., None, :] - sources[..., : places.shape[-1]], axis=-1)
+    return np.where(np.isnan(apart), np.inf, apart).min(axis=-1, initial=np.inf)
+
+
+def declared_outcomes(
+    group: "GroupRange", snapshot: Snapshot, sources_at: Callable[[np.ndarray], np.ndarray]
+) -> Json:
+    """Return the outcome of each trial of a group, as columns.
+
+    sources_at: function from times (...) [s] to the sources' positions (..., m, dim) [m].
 
     outcome: one of OUTCOMES, "declared" if both hold. A trial's declaration is the first right one of its team or,
     without a right one, the last: declared_time_s, since the group set off; localisation_error_m: from the declared
-    position to the nearest source; NaN without a declaration. declarations, false_declarations: of all robots, NaN if
-    the group's algorithm never declares. reached_time_s: when the first robot came within reach of a source, or NaN.
+    position to the nearest source at that time; NaN without a declaration. declarations, false_declarations: of all
+    robots, NaN if the group's algorithm never declares. reached_time_s: when the first robot came within reach of a
+    source, or NaN.
     """
 
     def table(name: str) -> np.ndarray:
@@ -46,8 +60,7 @@ def declared_outcomes(group: "GroupRange", snapshot: Snapshot, sources: np.ndarr
     first = np.where(right, time, np.inf).argmin(axis=1)
     last = np.where(declarations > 0, time, -np.inf).argmax(axis=1)
     judged = (np.arange(group.trials), np.where(rightly, first, last))
-    apart = np.linalg.norm(table("declared_position")[judged][:, None] - sources, axis=-1)
-    apart = apart.min(axis=1, initial=np.inf)
+    apart = nearest_source(table("declared_position")[judged], sources_at(time[judged]))
     reached = np.nan_to_num(table("reached_time"), nan=np.inf).min(axis=1)
     speaks = declarations.any() or may_declare(group.model)
 

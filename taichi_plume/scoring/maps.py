@@ -5,7 +5,7 @@ tends to this mean. When a snapshot ends (or every `trials.PERIOD` without snaps
 
     error_ppm        mean of |estimate - truth| over the cells with an estimate that a robot can measure;
     correlation      correlation of estimate and truth over these cells;
-    peak_distance_m  from the largest estimate to the nearest source that has started;
+    peak_distance_m  from the largest estimate to the nearest source that is there at the time;
     nlpd             mean of ½ ln(2π v) + (r - m)² / 2v over the readings r since the previous score, with the estimate
                      m of that time and the variance v of a reading: the map's forecast of these readings. NaN without
                      variance
@@ -46,7 +46,7 @@ class MapSeries:
         self.cell, self.period = self.map.cell, self.map.window or scores.PERIOD
         trials, nx, ny, *components = np.shape(self.map.estimate())
         self.shape = (nx, ny)
-        self.sources, self.begins = scores.source_places(sim)[:, :2], scores.begins(sim.scenario)
+        self.scenario = sim.scenario
         groups = sim.swarm.groups if sim.swarm.count else []
         self.extent = (sim.grid.extent[0], sim.grid.extent[1])
         self.measurable = scores.measurable(sim, self.cell, self.shape)
@@ -115,7 +115,7 @@ class MapSeries:
         """Return the scores at time t [s], (names, trials), and predict the readings until the next ones."""
         estimate = np.asarray(self.map.estimate())
         score = scores.map_score(estimate, np.where(self.measurable, self.truth, np.nan))
-        peak = scores.peak_distance(estimate, self.cell, self.sources[self.begins < t])
+        peak = scores.peak_distance(estimate, self.cell, scores.present(self.scenario, t))
         found = np.stack([score.mae, score.correlation, peak, scores.mean_of(*self.surprise)])
         self.surprise = np.zeros_like(self.surprise)
         expects = scores.Prediction.of(self.map, self.extent)

@@ -10,9 +10,15 @@ from scipy.special import ndtri, stdtrit
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.grid import fields
 from taichi_plume.grid.grid import block_mean, centers
-from taichi_plume.scenario.playback import Played
 from taichi_plume.scenario.scenario import Scenario
-from taichi_plume.scoring.declarations import OUTCOMES, Json, Snapshot, by_trial, declared_outcomes
+from taichi_plume.scoring.declarations import (
+    OUTCOMES,
+    Json,
+    Snapshot,
+    by_trial,
+    declared_outcomes,
+    nearest_source,
+)
 from taichi_plume.time_loop import Mapper, TimeLoop, Uncertain
 
 SENSORS = 0.1  # m, default height of sensors
@@ -197,28 +203,29 @@ def mean_of(total: np.ndarray, count: np.ndarray) -> np.ndarray:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def trial_outcomes(group: GroupRange, snapshot: Snapshot, sources: np.ndarray) -> Json:
-    """Return the results of each trial of a group, as columns; sources: (m, 2), or (m, 3) with heights for drones [m].
+def trial_outcomes(sim: TimeLoop, group: GroupRange, snapshot: Snapshot) -> Json:
+    """Return the results of each trial of a group, as columns.
 
-    group, trial; success; found: robots that found a source; of the first of these robots time_s, since the group set
-    off, path_m and overhead: path over the straight distance to the nearest source; of the whole team team_path_m,
-    acquisitions, hits, bumps and, where obstacles move, pushes and pinned_s; final_distance_m: of the robot that ended
-    nearest to a source; and the columns of `declared_outcomes`.
+    Sources count where they are at the time of the event: when a robot found one, when a robot declared one, at the end
+    for others. group, trial; success; found: robots that found a source; of the first of these robots time_s, since the
+    group set off, path_m and overhead: path over the straight distance to the nearest source; of the whole team
+    team_path_m, acquisitions, hits, bumps and, where obstacles move, pushes and pinned_s; final_distance_m: of the
+    robot that ended nearest to a source; and the columns of `declared_outcomes`.
     """
 
     def table(key: str) -> np.ndarray:
         return by_trial(group, snapshot[key])
 
-    flies = sources.shape[1] == 3 and group.model.body.flies
+    flies = sim.grid.dim == 3 and group.model.body.flies
+    found = table("found").astype(bool)
+    sources = sim.scenario.targets_at(np.where(found, table("found_time"), sim.t))
 
     def nearest(places: np.ndarray, altitude: np.ndarray | float) -> np.ndarray:
         if flies:
             middle = np.broadcast_to(altitude + 0.5 * group.model.body.height, places.shape[:-1])
             places = np.concatenate([places, middle[..., None]], axis=-1)
-        apart = np.linalg.norm(places[..., None, :] - sources[:, : places.shape[-1]], axis=-1)
-        return apart.min(axis=-1, initial=np.inf)
+        return nearest_source(places, sources)
 
-    found = table("found").astype(bool)
     time = np.where(found, table("found_time"), np.inf)
     path = table("path_length")
     success = found.any(axis=1)
@@ -241,7 +248,7 @@ def trial_outcomes(group: GroupRange, snapshot: Snapshot, sources: np.ndarray) -
         "team_path_m": path.sum(axis=1).tolist(),
         **{name: table(name).sum(axis=1).tolist() for name in SUMS if name in snapshot},
         "final_distance_m": ended.min(axis=1).tolist(),
-        **declared_outcomes(group, snapshot, sources[:, :2]),
+        **declared_outcomes(group, snapshot, sim.scenario.targets_at),
     }
 
 
@@ -268,12 +275,12 @@ def no_search(sim: TimeLoop, group: GroupRange, success: Iterable[bool] = ()) ->
     """Return the reason why no robot of a group could find a source; None if robots could, or have in a trial."""
     if any(success):
         return None
-    on = begins(sim.scenario) < sim.t
+    starts = [source.on[0] for _, gas in sim.scenario.gases if gas.searched for source in gas.sources]
     if sim.tick <= 0 or (group.model.begin > 0 and sim.t <= group.model.begin):
         return "the robots had not started"
-    if not len(on):
+    if not starts:
         return "there is no source"
-    if not on.any():
+    if not min(starts) < sim.t:
         return "no source had started"
     return None if group.model.reach > 0 else "reach is 0"
 
@@ -287,21 +294,10 @@ def end(sim: TimeLoop, group: GroupRange) -> float:
     return group.model.time(sim.scenario.duration if whole else sim.t)
 
 
-def source_places(sim: TimeLoop) -> np.ndarray:
-    """Return the positions of all sources of a run, (m, 2) or (m, 3) [m]."""
-    dim = sim.scenario.domain.dim
-    return np.array([source.position for _, source in sim.scenario.sources]).reshape(-1, dim)
-
-
-def begins(scenario: Scenario) -> np.ndarray:
-    """Return the start time of each source [s], in the order of the scenario; -inf for sources that are played back."""
-    begins = []
-    for _, gas in scenario.gases:
-        for source in gas.sources:
-            known = {} if isinstance(gas, Played) else vars(source)
-            begin = known.get("start", known.get("time"))  # of a source, or of a puff
-            begins.append(-inf if begin is None else begin)
-    return np.array(begins, float)
+def present(scenario: Scenario, t: float) -> np.ndarray:
+    """Return the positions on the floor of the sources to be found at time t [s], (m, 2) [m]."""
+    places = scenario.targets_at(t)[:, :2]
+    return places[np.isfinite(places[:, 0])]
 
 
 def trial_summary(trials: Json, duration: float, searched: bool = True) -> Json:

@@ -31,11 +31,11 @@ def trial_rows(sim: TimeLoop) -> list[Row]:
     """
     if not sim.swarm.count:
         return []
-    now, sources = sim.swarm.snapshot(), scores.source_places(sim)
+    now = sim.swarm.snapshot()
     rows = []
     for group in sim.swarm.groups:
-        trials = scores.trial_outcomes(group, now, sources)
-        trials["shortest_m"] = _shortest(sim, group, now, sources).tolist()
+        trials = scores.trial_outcomes(sim, group, now)
+        trials["shortest_m"] = _shortest(sim, group, now).tolist()
         searched = scores.no_search(sim, group, trials["success"]) is None
         end = scores.end(sim, group)
         common: Row = {"group": group.name, "algorithm": group.model.algorithm.kind}
@@ -50,10 +50,10 @@ def trial_rows(sim: TimeLoop) -> list[Row]:
     return rows
 
 
-def _shortest(sim: TimeLoop, group: Any, now: dict[str, np.ndarray], sources: np.ndarray) -> np.ndarray:
+def _shortest(sim: TimeLoop, group: Any, now: dict[str, np.ndarray]) -> np.ndarray:
     """Return the shortest path on the floor [m] from the start of the first successful robot to a source, (trials,).
 
-    NaN for flying robots.
+    Sources count where they are when the robot finds one, without success at the end. NaN for flying robots.
     """
     if group.model.body.flies:
         return np.full(group.trials, np.nan)
@@ -62,9 +62,20 @@ def _shortest(sim: TimeLoop, group: Any, now: dict[str, np.ndarray], sources: np
     time = np.where(now["found"][span], now["found_time"][span], np.inf)
     first = time.reshape(group.trials, group.count).argmin(axis=1) + group.count * np.arange(group.trials)
     starts = now["start"][span][first].astype(float)
-    return shortest_ways(
-        starts, sources[:, :2], group.model.reach, radius, floor.distance_at, floor.low, floor.high
-    )
+    at = np.where(now["found"][span][first] > 0, now["found_time"][span][first], sim.t)
+
+    def ways(starts: np.ndarray, t: float) -> np.ndarray:
+        sources = scores.present(sim.scenario, t)
+        return shortest_ways(
+            starts, sources, group.model.reach, radius, floor.distance_at, floor.low, floor.high
+        )
+
+    if not sim.scenario.sources_change:
+        return ways(starts, sim.t)
+    lengths = np.empty(len(starts))
+    for t in np.unique(at):
+        lengths[at == t] = ways(starts[at == t], float(t))
+    return lengths
 
 
 def _number(value: object) -> object:

@@ -34,7 +34,10 @@ def use() -> None:
     run.plot(at=20, ax=axes)
     run.animate()
     run.show()
-    print(run.robots, run.trials, run.maps, run.gas_at(1.0, 2.0), run.fields, run.pictures, tp.cite(run))
+    print(
+        run.robots, run.trials, run.maps, run.gas_at(1.0, 2.0), run.sources_at(1.0), run.fields, run.pictures
+    )
+    print(tp.cite(run), run.scenario.sources_at(1.0))
     print(tp.picture(run.folder, at="20 s"), tp.export(run.folder, to="csv"), tp.repair(run.folder))
     with tp.Simulation(scenario, overrides={"robots.0.algorithm": tp.Own(Upwind, speed=0.3)}) as sim:
         sim.every(1.0, lambda now: print(now.t))

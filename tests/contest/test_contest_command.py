@@ -57,7 +57,7 @@ def files(tmp_path):
         (["--scenarios", "open_3"], "scenario 'open_3': there is none of that name; did you mean open_3d?"),
         (["--algorithms", "infotax"], "did you mean infotaxis?"),
         (["--scenarios", "open_2d,"], "give names with commas between"),
-        (["--algorithm", "upwind.py"], "look at it, then add --allow-code"),
+        (["--entry", "upwind.py"], "look at it, then add --allow-code"),
         (["--out", "full"], "full: is not empty, and holds no contest (photo.txt); choose another --out"),
         (["--out", "upwind.py"], "upwind.py: "),
     ],
@@ -80,7 +80,7 @@ def test_a_folder_of_the_users_with_scenarios_stays_as_it_is(tmp_path, capsys):
 @pytest.mark.slow
 def test_a_contest_is_the_same_again_goes_on_and_bears_a_broken_algorithm(files, monkeypatch, capsys):
     monkeypatch.chdir(files)
-    own = ["--algorithm", "upwind.py", "--algorithm", "broken.py", "--allow-code"]
+    own = ["--entry", "upwind.py", "--entry", "broken.py", "--allow-code"]
     assert main([*LINE, *own, "--out", "a"]) == 1  # of the broken one
     captured = capsys.readouterr()
     expected = [line for line in captured.err.splitlines() if line.startswith("meandering: broken")]
@@ -117,7 +117,7 @@ def test_a_contest_is_the_same_again_goes_on_and_bears_a_broken_algorithm(files,
     assert main([*LINE, *own, "--out", "a", "--quiet"]) == 1
     assert (files / "a" / "contest.csv").read_bytes() == before
 
-    assert main([*LINE, "--algorithm", "upwind.py", "--allow-code", "--out", "b", "--quiet"]) == 0
+    assert main([*LINE, "--entry", "upwind.py", "--allow-code", "--out", "b", "--quiet"]) == 0
     again = (files / "b" / "contest.csv").read_bytes()
     assert again.splitlines() == [line for line in before.splitlines() if b"broken" not in line]
 

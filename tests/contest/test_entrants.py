@@ -19,7 +19,16 @@ from taichi_plume.contests.entrants import (
     own,
     shipped,
 )
-from taichi_plume.contests.execution import FOLDER, NAMES, Contest, fixed, plans, scenarios
+from taichi_plume.contests.execution import (
+    FOLDER,
+    NAMES,
+    Choice,
+    Contest,
+    contest_of,
+    fixed,
+    plans,
+    scenarios,
+)
 from taichi_plume.scenario.changes import changed
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
 
@@ -28,7 +37,7 @@ OWN = "class Mine:\n    def act(self, robots):\n        robots.speed[:] = 0.1\n"
 
 def test_all_that_search_take_part_and_the_floor_is_last():
     names = [one.name for one in shipped()]
-    searching = {name for name, kind in kinds().items() if kind.searches and not kind.in_space}
+    searching = {name for name, kind in kinds().items() if kind.searches}
     assert searching <= {*names, *FILES}
     assert {"casting", "infotaxis", "dapso"} <= set(names)
     assert names[-1] == FLOOR
@@ -47,7 +56,7 @@ def test_a_fixed_scenario_is_sound(name):
     assert one.about[1].startswith("The question: ")
     assert one.about[1].rstrip().endswith((".", "?"))
     assert set(one.facts) == {"threshold_ppm", "wind_speed"}
-    for each in shipped():
+    for each in Contest(FOLDER, (one,), shipped(), 1).entrants_in(one):
         scenario = scenario_from(changed(one.data, each.changes(one.facts)))
         group = scenario.robots[0]
         assert group.count == (TEAM if each.name == "dapso" else 1)
@@ -55,14 +64,26 @@ def test_a_fixed_scenario_is_sound(name):
 
 
 def test_all_scenarios_have_the_same_robot_and_chances():
-    """But for the height of a sensor, which only 3-D has."""
-    groups = [fixed(name).scenario.robots[0] for name in NAMES]
+    """But for the height of a sensor, which only 3-D has, and for the drone."""
+    drone = fixed("drone").scenario.robots[0]
+    assert drone.body.flies
+    assert drone.reach == 0.25
+    groups = [fixed(name).scenario.robots[0] for name in NAMES if name != "drone"]
     gas = [group.sensors.gas.model_copy(update={"height": 0}) for group in groups]
     assert all(one == gas[0] for one in gas)
     for group in groups:
         assert group.body == groups[0].body
         assert group.reach == 0.25  # as the page says
     assert {fixed(name).scenario.duration for name in NAMES} == {300.0}
+
+
+def test_who_climbs_takes_part_where_robots_fly():
+    there = Contest(FOLDER, (fixed("open_3d"), fixed("drone")), shipped(), 1)
+    floor, air = ({each.name for each in there.entrants_in(one)} for one in there.scenarios)
+    assert air - floor == {name for name, kind in kinds().items() if kind.in_space and name not in FILES}
+    assert floor < air
+    with pytest.raises(ScenarioError, match="scenario open_2d"):
+        contest_of(Choice(["casting_3d"], scenarios=["open_2d", "drone"]))
 
 
 def test_each_is_given_what_it_has_a_key_for():

@@ -276,7 +276,10 @@ def test_first_finder_counts():
         "declarations": np.zeros(5, int),
         "false_declarations": np.zeros(5, int),
     }
-    reported = scores.trial_outcomes(group, snapshot, np.array([[0.0, 0.0], [9.0, 9.0]]))
+    places = np.array([[0.0, 0.0], [9.0, 9.0]])
+    scenario = SimpleNamespace(targets_at=lambda t: np.broadcast_to(places, (*np.shape(t), 2, 2)))
+    sim: Any = SimpleNamespace(grid=SimpleNamespace(dim=2), scenario=scenario, t=20.0)
+    reported = scores.trial_outcomes(sim, group, snapshot)
     expected = {"group": ["team", "team"], "trial": [0, 1], "success": [True, False], "found": [2, 0]}
     expected |= {"acquisitions": [3, 7], "hits": [1, 1], "bumps": [0, 3], "team_path_m": [5.0, 9.0]}
     assert {key: reported[key] for key in expected} == expected

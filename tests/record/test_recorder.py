@@ -281,3 +281,22 @@ def test_a_writer_that_fails_is_noticed_and_does_not_hang(tmp_path):
     assert "noticed:" in run.stdout, run.stderr
     t, _ = column(path, "/sensors/team-0", "Scalars:scalars")
     assert BATCH <= t[-1] < 60.0
+
+
+def test_sources_are_drawn_where_they_are_at_each_time(tmp_path):
+    """One moves, one appears and ends; a source that stays is drawn once for the whole run."""
+    sources = [
+        {"position": [1.0, 1.5], "rate": 1e-6, "motion": {"path": [[2, 2.0, 1.5]]}},
+        {"position": [1.0, 2.5], "rate": 1e-6, "start": 0.5, "stop": 1.5},
+        {"position": [0.5, 0.5], "rate": 1e-6},
+    ]
+    scenario = fake_run.scenario(2, duration=3, warm_up=1, gas={"kind": "eulerian", "sources": sources})
+    path = recorded(fake_run.simulation(scenario), tmp_path / "a.rrd")
+    assert verified(path)
+    t, places = column(path, "/world/sources/0", "Points3D:positions")
+    assert [place[0][0] for place in places] == pytest.approx(np.clip(1.0 + 0.5 * t, 1.0, 2.0), abs=1e-6)
+    assert t[-1] == pytest.approx(2.0)  # nothing is written while it stands
+    t, places = column(path, "/world/sources/1", "Points3D:positions")
+    assert t.tolist() == pytest.approx([0.6])  # it starts at 0.5
+    assert column(path, "/world/sources/1", "Clear:is_recursive")[0] == pytest.approx([1.6])
+    assert not len(column(path, "/world/sources/2", "Points3D:positions")[0])
