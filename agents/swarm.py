@@ -22,6 +22,7 @@ from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.trials import OwnClocks, Trials
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
+from taichi_plume.files.prior_map import PriorMap
 from taichi_plume.grid.elementary import cos_sin, wrap
 from taichi_plume.scenario.localization import Camera as CameraModel
 from taichi_plume.scenario.obstacles import Obstacle
@@ -73,6 +74,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         room: Room | None = None,
     ):
         self.clearance, self.room = clearance, room
+        self.priors: dict[int, PriorMap] = {}  # of groups, by their numbers
         self.episodes = episodes
         self.apart = episodes is not None  # whether each trial restarts on its own
         self.groups: list[GroupRange] = ranges(groups, rivals)

@@ -113,6 +113,8 @@ def build(
         background=any(scenario.backgrounds.values()),
         room=Room(scenario.domain.extent, scenario.domain.depth, scenario.passes_edge, _sought(scenario)),
     )
+    found = ((n, resources.priors.get(f"robots[{n}].algorithm.prior")) for n in range(len(scenario.robots)))
+    swarm.priors = {n: prior for n, prior in found if prior is not None}
     weights = _weights(scenario)
     scalars = {path: Scalar(grid, takes_space=True) for path in weights}
     weighing = [BuoyantScalar(scalar.q, weights[path], scalar.source) for path, scalar in scalars.items()]

@@ -13,6 +13,7 @@ from taichi_plume.files.conventions import FileFacts
 from taichi_plume.files.network import Network
 from taichi_plume.files.own_class import CLASSES, Code, LawFile, OwnAlgorithmError, OwnFile, Permission
 from taichi_plume.files.point_frames import PointFileError, PointFrames, frames_of
+from taichi_plume.files.prior_map import PriorError, PriorMap
 from taichi_plume.files.ros_robots import MapFrame
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario.algorithms import Own
@@ -32,6 +33,7 @@ from taichi_plume.scenario.playback import (
 )
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas
 from taichi_plume.scenario.policy import Policy
+from taichi_plume.scenario.prior import Prior
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Model
 
@@ -55,6 +57,7 @@ OPENED = (
     "code",
     "networks",
     "ways",
+    "priors",
     "gases",
 )
 """Attributes of `Resources` with the contents of files, by the paths of the sections."""
@@ -68,8 +71,9 @@ class Resources:
     also by other files, and for `gaden`. facts: what was read of the files of each section.
     shapes: of the obstacles, in their order. site: files of an imported wind.
     code: files of own algorithms and laws; own: their classes and functions, once executed. networks: of policies.
-    ways: paths of recorded robots. gases: played-back gases, completed by their films. warnings: results of the checks.
-    sections: all that were opened. folder, allow_outside, named, allow_code: permissions, see `preparation.again`.
+    ways: paths of recorded robots. priors: of searches. gases: played-back gases, completed by their films.
+    warnings: results of the checks. sections: all that were opened.
+    folder, allow_outside, named, allow_code: permissions, see `preparation.again`.
     """
 
     scenario: Scenario
@@ -91,6 +95,7 @@ class Resources:
     own: dict[str, Code] = field(default_factory=dict)
     networks: dict[str, Network] = field(default_factory=dict)
     ways: "dict[str, list[Way]]" = field(default_factory=dict)
+    priors: dict[str, PriorMap] = field(default_factory=dict)
     gases: dict[str, PureGas] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     _unlike: dict[Path, int] = field(default_factory=dict, repr=False)
@@ -327,6 +332,14 @@ def _ways(resources: Resources, path: str, model: Replay, folder: Path) -> None:
         resources.facts[path] = facts(resources.ways[path], resources.origins(path))
 
 
+def _prior(resources: Resources, path: str, model: Prior, folder: Path) -> None:
+    """Read the weights of a prior, from its file or its section, and check that some of them lie in the room."""
+    try:
+        resources.priors[path] = PriorMap(model, resources.scenario.floor, folder)
+    except PriorError as error:
+        resources.faults[f"{path}.{error.key}"] = str(error)
+
+
 OPENERS: dict[type[Model], Callable[[Resources, str, Any, Path], PureGas | None]] = {
     PlaybackWind: _film,
     PlaybackGas: _film,
@@ -338,6 +351,7 @@ OPENERS: dict[type[Model], Callable[[Resources, str, Any, Path], PureGas | None]
     ImportedWind: _site,
     InitialWind: _moment,
     InitialGas: _moment,
+    Prior: _prior,
     Own: _own,
     OwnGas: _law,
     OwnWind: _law,
