@@ -17,8 +17,8 @@ class PriorArea(Model):
     vertices: Annotated[tuple[si.Point2, ...], Field(min_length=3, max_length=1000)]
     """Corners of the polygon, each [x, y], in order along its outline."""
     weight: si.Coefficient
-    """Weight per area, beside `rest` and other areas: with 9 and a rest of 1 a source is 9 times as likely there per
-    square metre."""
+    """Weight per area of floor, beside `rest` and other polygons. With 9 and a rest of 1 a source is 9 times as likely
+    there per square metre."""
 
 
 Weights = Annotated[tuple[si.Coefficient, ...], Field(min_length=1, max_length=MOST_ROWS)]
