@@ -12,7 +12,14 @@ import numpy as np
 
 from taichi_plume.agents.camera import Camera
 from taichi_plume.agents.collisions import CLEAR, PINNED, PUSHED, SKIN, Contact
-from taichi_plume.agents.columns import Rows, columns_of, further_gas_sensors, range_columns, with_excess
+from taichi_plume.agents.columns import (
+    GAS_SHARE,
+    Rows,
+    columns_of,
+    further_gas_sensors,
+    range_columns,
+    with_excess,
+)
 from taichi_plume.agents.flight import FREE, Flying
 from taichi_plume.agents.groups import GroupRange, ranges
 from taichi_plume.agents.odometry import Odometry, Reckoning
@@ -88,10 +95,15 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
             *further_gas_sensors(max((len(group.sensors.noses) for group in groups), default=1)),
             *range_columns(max((group.sensors.ranges for group in groups), default=0)),
         )
-        columns = (*columns_of(self.flies, bool(walkers)), *further)
-        self.columns = with_excess(columns) if background else columns
+        self.classifies = any(group.sensors.classifier for group in groups)
+        differs, shares = background or self.classifies, (GAS_SHARE,) * self.classifies
+        columns = (*columns_of(self.flies, bool(walkers)), *further, *shares)
+        self.columns = with_excess(columns) if differs else columns
         self.STATE = tuple(column.name for column in self.columns)
-        self._allocate(n, self.reckons, background)
+        self._allocate(n, self.reckons, differs)
+        if self.classifies:
+            everything = self._each(lambda group: float(group.sensors.classifier is None))
+            self.gas_share.from_numpy(everything.astype(np.float32))
         self._further = [getattr(self, column.name) for column in further]
         for name, value in BODY.items():
             setattr(self, name, ti.filled(self._each(value), ti.f32))

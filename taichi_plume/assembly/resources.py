@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from taichi_plume.files.conventions import FileFacts
+from taichi_plume.files.gas_classes import ClassifierError, TrainedClassifier, trained
 from taichi_plume.files.network import Network
 from taichi_plume.files.own_class import CLASSES, Code, LawFile, OwnAlgorithmError, OwnFile, Permission
 from taichi_plume.files.point_frames import PointFileError, PointFrames, frames_of
@@ -19,6 +20,7 @@ from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.external import Replay
+from taichi_plume.scenario.gas_classes import AnyClassifier, NearestClassifier, OnnxClassifier
 from taichi_plume.scenario.gases import PlaybackGas, PureGas
 from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.initial_conditions import InitialGas, InitialWind
@@ -58,6 +60,7 @@ OPENED = (
     "networks",
     "ways",
     "priors",
+    "classifiers",
     "gases",
 )
 """Attributes of `Resources` with the contents of files, by the paths of the sections."""
@@ -71,8 +74,8 @@ class Resources:
     also by other files, and for `gaden`. facts: what was read of the files of each section.
     shapes: of the obstacles, in their order. site: files of an imported wind.
     code: files of own algorithms and laws; own: their classes and functions, once executed. networks: of policies.
-    ways: paths of recorded robots. priors: of searches. gases: played-back gases, completed by their films.
-    warnings: results of the checks. sections: all that were opened.
+    ways: paths of recorded robots. priors: of searches. classifiers: of gases.
+    gases: played-back gases, completed by their films. warnings: results of the checks. sections: all that were opened.
     folder, allow_outside, named, allow_code: permissions, see `preparation.again`.
     """
 
@@ -96,6 +99,7 @@ class Resources:
     networks: dict[str, Network] = field(default_factory=dict)
     ways: "dict[str, list[Way]]" = field(default_factory=dict)
     priors: dict[str, PriorMap] = field(default_factory=dict)
+    classifiers: dict[str, TrainedClassifier] = field(default_factory=dict)
     gases: dict[str, PureGas] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     _unlike: dict[Path, int] = field(default_factory=dict, repr=False)
@@ -340,6 +344,19 @@ def _prior(resources: Resources, path: str, model: Prior, folder: Path) -> None:
         resources.faults[f"{path}.{error.key}"] = str(error)
 
 
+def _classifier(resources: Resources, path: str, model: AnyClassifier, folder: Path) -> None:
+    """Read or train the classifier of gases of a group's robots."""
+    group = path.removesuffix(".sensors.classifier")
+    sensors = next(
+        each.sensors for n, each in enumerate(resources.scenario.robots) if group == f"robots[{n}]"
+    )
+    gases = sorted({gas.vapour.name for _, gas in resources.scenario.gases})
+    try:
+        resources.classifiers[path] = trained(model, sensors, gases, folder)
+    except ClassifierError as error:
+        resources.faults[f"{path}.{error.key}"] = str(error)
+
+
 OPENERS: dict[type[Model], Callable[[Resources, str, Any, Path], PureGas | None]] = {
     PlaybackWind: _film,
     PlaybackGas: _film,
@@ -352,6 +369,8 @@ OPENERS: dict[type[Model], Callable[[Resources, str, Any, Path], PureGas | None]
     InitialWind: _moment,
     InitialGas: _moment,
     Prior: _prior,
+    NearestClassifier: _classifier,
+    OnnxClassifier: _classifier,
     Own: _own,
     OwnGas: _law,
     OwnWind: _law,
