@@ -155,7 +155,7 @@ def _table(path: Path, count: int) -> tuple[np.ndarray, np.ndarray]:
         raise fault(
             f"{path}: response [{row}, {column}] is {values[row, column]:g}; allowed are finite ones above 0"
         )
-    return labels.astype(str), np.log(values.max(axis=0) / values)
+    return labels.astype(str), np.log(values.max(axis=0)) - np.log(values)
 
 
 def _csv(path: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -32,9 +32,7 @@ def room(classifier=None, models=MODELS, **sensor):
         "domain": {"size": [3, 2], "spacing": 0.1},
         "wind": {"kind": "synthetic", "speed": 0.02},
         "gas": {"kind": "mixture", "parts": parts},
-        "robots": [
-            {"count": 2, "start": start, "algorithm": algorithm, "sensors": sensors, "reach": 0.01}
-        ],
+        "robots": [{"count": 2, "start": start, "algorithm": algorithm, "sensors": sensors, "reach": 0.01}],
     }
 
 
