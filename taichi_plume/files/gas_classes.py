@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from taichi_plume.files.network import Network
 from taichi_plume.files.numpy_files import read_arrays
@@ -52,6 +51,8 @@ class NearestGases:
     """
 
     def __init__(self, labels: np.ndarray, responses: np.ndarray, neighbours: int):
+        from scipy.spatial import cKDTree
+
         names, self.label = np.unique(labels, return_inverse=True)
         self.classes = tuple(map(str, names))
         self.neighbours = min(neighbours, len(labels))
@@ -91,11 +92,11 @@ def trained(model: AnyClassifier, sensors: Sensors, gases: list[str], folder: Pa
             _curves(sensors, gases) if model.file is None else _table(folder / model.file, count)
         )
         strong = np.linalg.norm(responses, axis=1) >= model.faint
-        found = NearestGases(labels[strong], responses[strong], model.neighbours) if strong.any() else None  # type: ignore
-        if found is None or len(found.classes) < 2:
-            only = f"only {found.classes[0]}" if found else "none"
-            what = f"needs responses of at least {model.faint:g} to two gases or more, got {only}"
+        if len(kinds := np.unique(labels[strong])) < 2:
+            names = listed([*map(str, kinds)]) or "none"
+            what = f"needs responses of at least {model.faint:g} to two gases or more, got only {names}"
             raise ClassifierError("file", what if model.file else f"{what}; give a table, or add a gas")
+        found = NearestGases(labels[strong], responses[strong], model.neighbours)
     if model.follows not in found.classes:
         raise ClassifierError("follows", f"'{model.follows}' is none of the classes {listed(found.classes)}")
     return found
@@ -107,12 +108,12 @@ def _network(model: OnnxClassifier, path: Path, count: int) -> NetworkGases:
         network = Network.read(path)
     except OwnAlgorithmError as error:
         raise ClassifierError("file", str(error)) from None
-    for what, found, wanted, of in (
+    for what, found, required, of in (
         ("inputs", network.entries, count, "the robot has that many gas sensors"),
         ("outputs", network.numbers, len(model.classes), "that many classes are listed"),
     ):
-        if found not in (None, wanted):
-            raise ClassifierError("file", f"{path}: has {found} {what}; wanted {wanted}, as {of}")
+        if found not in (None, required):
+            raise ClassifierError("file", f"{path}: has {found} {what}; wanted {required}, as {of}")
     return NetworkGases(network, model.classes)
 
 
