@@ -318,8 +318,7 @@ def _uncalibrated(key: str, threshold: float, sensor: MoxSensor, context: Contex
         least = PEAK * noise
         yield f"{key}: {threshold:g} is crossed by the noise of the ratio, {noise:.2g}; raise it above {least:.2g}"
     peak = sum(_peaks(context) or ())
-    curves = [curve for name in context.scenario.backgrounds if (curve := sensor.curve(name))]
-    most = max(((1.0 + peak / c0) ** b - 1.0 for c0, b in curves), default=0.0)
+    most = max((sensor.reads(name, peak) for name in context.scenario.backgrounds), default=0.0)
     if peak and threshold > most:
         yield f"{key}: {threshold:g} is more than the ratio at the source, about {most:.2g}; lower it"
 

@@ -236,13 +236,15 @@ class MoxSensor(GasSensor):
 
     def reads(self, species: str, ppm: float) -> float:
         felt, read = self.curve(species), self.reading_curve
+        if self.gives == "ratio" and felt is not None:
+            return (1.0 + ppm / felt[0]) ** felt[1] - 1.0
         if felt is None or felt[1] == read[1]:
             return 0.0 if felt is None else ppm * (read[0] / felt[0])
         return read[0] * ((1.0 + ppm / felt[0]) ** (felt[1] / read[1]) - 1.0)
 
     @property
     def bends_at(self) -> float:
-        return self.reading_curve[0]
+        return 1.0 if self.gives == "ratio" else self.reading_curve[0]
 
     @property
     def reading_curve(self) -> tuple[float, float]:

@@ -54,6 +54,17 @@ def test_ratios_and_ranks_of_recorded_resistances():
     assert (readings[:, 4] != readings[:, 0]).any()
 
 
+def test_ranks_are_no_concentrations():
+    """Algorithms that need a concentration refuse ranks, and take ratios."""
+    for algorithm in ({"kind": "source_term"}, {"kind": "infotaxis", "lag": "deconvolved"}):
+        scenario = room(gives="rank")
+        scenario["robots"][0]["algorithm"] = algorithm
+        with pytest.raises(ScenarioError, match=r"robots\[0\].sensors.gas.gives: a rank .*use ppm or ratio"):
+            load_scenario(scenario)
+    scenario["robots"][0]["sensors"]["gas"][0]["gives"] = "ratio"
+    load_scenario(scenario)
+
+
 def test_nearest_neighbours_by_brute_force():
     """Votes of the k unit vectors at the least distance; the length of a response does not count."""
     rng = np.random.default_rng(5)

@@ -190,7 +190,7 @@ def test_bad_priors(prior, key, says, tmp_path):
     assert "\n" not in line
 
 
-@pytest.mark.parametrize("kind", ["infotaxis", "hit_map", "particle_filter"])
+@pytest.mark.parametrize("kind", ["infotaxis", "hit_map", "particle_filter", "source_term"])
 def test_a_prior_in_a_wall_is_refused(kind):
     with pytest.raises(ScenarioError, match=r"robots\[0\].algorithm.prior: .*zero in all cells"):
         tp.Simulation(room(WALL, kind))
