@@ -12,6 +12,7 @@ from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
+from taichi_plume.agents.priors import prior_weights
 from taichi_plume.engine import ti
 from taichi_plume.scenario.belief_algorithms import Declares
 
@@ -36,8 +37,8 @@ class Believer(Protocol):
 
 
 class Beliefs:
-    """Grid beliefs: `p[n, a, b]` is the probability of the source in cell (a, b) by robot n, uniform at first. cell:
-    edge of the square cells [m]. low, extent: lower corner and size of the search area [m].
+    """Grid beliefs: `p[n, a, b]` is the probability of the source in cell (a, b) by robot n, the prior at first. cell:
+    edge of the square cells [m]. low, extent: lower corner and size of the search area [m]. even weight[a, b]: prior.
     """
 
     STATE: tuple[str, ...] = ("p",)
@@ -48,7 +49,9 @@ class Beliefs:
         self.extent = tuple(clearance.high[d] - clearance.low[d] for d in range(2))
         self.cells = tuple(max(1, round(length / cell)) for length in self.extent)
         self.even = 1.0 / (self.cells[0] * self.cells[1])
-        self.p = ti.filled(np.full((members.size, *self.cells), self.even))
+        weights = prior_weights(members, cell)
+        self.weight = ti.filled(weights, ti.f32)
+        self.p = ti.filled(np.tile(self.even * weights, (members.size, 1, 1)))
 
     @ti.func
     def middle(self, a, b):
@@ -63,10 +66,11 @@ class Beliefs:
 
     @ti.func
     def normalize(self, n, total):
-        """Divide the probabilities of robot n by their sum `total`; make them uniform if the sum is almost zero."""
+        """Divide the probabilities of robot n by their sum `total`; return to the prior if the sum is almost zero."""
         for a in range(self.cells[0]):
             for b in range(self.cells[1]):
-                self.p[n, a, b] = ti.select(total > LEAST, self.p[n, a, b] / ti.max(total, LEAST), self.even)
+                prior = self.even * self.weight[a, b]
+                self.p[n, a, b] = ti.select(total > LEAST, self.p[n, a, b] / ti.max(total, LEAST), prior)
 
     @ti.func
     def mean(self, n):

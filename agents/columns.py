@@ -167,7 +167,7 @@ class Columns:
 
     def _allocate(self, n: int, errs: bool, background: bool) -> None:
         """Allocate the fields of n robots; errs: whether the believed pose of any robot has errors; background: whether
-        clean air has a background of gas."""
+        readings for algorithms differ from measured ones, by a background of gas or by a classifier."""
         for column in self.columns:
             differs = background if column.truth.startswith("measured") else errs
             shared = bool(column.truth) and not differs
@@ -215,6 +215,14 @@ def further_gas_sensors(most: int) -> tuple[Column, ...]:
     )
 
 
+GAS_SHARE = Column(
+    "1",
+    "share of the reading that algorithms get, by the classifier of gases; 1 without a classifier",
+    key="gas_share",
+    tabled=True,
+    name="gas_share",
+)
+"""Column of swarms in which any group has a classifier of gases."""
 RANGE = "range"
 """First part of the names of the columns that range sensors write."""
 

@@ -5,6 +5,16 @@ rise and decay, solved exactly over a time step; a fraction may decay more slowl
 the mean since the previous reading, with drift, white noise of samples and of the reading, room climate and heater
 warm-up. The calibration converts a reading to ppm, never negative. Between readings the last reading is held.
 
+Metal oxides also give readings without calibration, by `gives`. Differences in R_air between units do not change them:
+
+    ratio  R0/R - 1 with R0 the largest resistance so far, the cleanest air that the robot has met
+    rank   share of the stored readings R_k with ln R_k - ln R > tied: those that were clearly lower
+
+A rank within the readings gathered so far replaces a calibration in Jin, Duranceau, Erünsal & Martinoli (2026),
+"Calibration-free gas source localization with mobile robots", arXiv:2605.13208. There all measurements of a survey are
+ranked; the limited memory of RANKED readings, and ties, are ours. Data sheets give R over its value in clean air; that
+the largest stands for this value is ours.
+
 Where clean air has a background of gas, a sensor starts in equilibrium with it. Algorithms get the reading minus that
 of the same sensor in clean air without noise, as after zeroing, but never negative.
 """
@@ -26,6 +36,8 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import normal4
 
 HOUR = 3600.0
+GIVES = ("ppm", "ratio", "rank")
+RANKED = 256  # stored readings of a sensor that gives ranks
 LARGEST = 10.0  # standard deviation of fluctuations over the mean, at the edge of a plume: our choice
 
 
@@ -58,6 +70,8 @@ class GasSensors:
         self.law = law(members, slot)
         models = [group.model.sensors.noses[slot] for group in members.groups]
         self.ahead, self.left = any(model.ahead for model in models), any(model.left for model in models)
+        gives = {getattr(model, "gives", "ppm") for model in models}
+        self.relative, self.ranks = bool(gives & {"ratio", "rank"}), "rank" in gives
         self.bends = any(model.bend(kind.name) for model in models for kind in species)
         self.p = Parameters(
             members,
@@ -71,6 +85,11 @@ class GasSensors:
         self.slow = ti.field(ti.f32, n)  # signal of the slowly decaying part
         self.sum = ti.field(ti.f32, n)  # sum of the tick means since the last reading
         self.baseline = ti.field(ti.f32, n)  # drift of y
+        if self.relative:
+            self.cleanest = ti.field(ti.f32, n)  # largest resistance so far [ohm]
+            self.past = ti.field(ti.f32, (n, RANKED if self.ranks else 1))  # ln R, a ring buffer
+            self.stored = ti.field(ti.i32, n)  # number of stored readings so far
+            self.STATE = (*self.STATE, "cleanest", "past", "stored")
         if fluctuates:
             self.fluctuation = ti.field(ti.f32, n)  # of the logarithm of the gas, of unit variance
             self.STATE = (*self.STATE, "fluctuation")
@@ -156,6 +175,8 @@ class GasSensors:
     def renew(self, n, unit):
         """Reset sensor n to the start of a run; unit: random number from 0 to 1 that selects another sensor unit."""
         self.signal[n], self.slow[n], self.sum[n], self.baseline[n] = 0.0, 0.0, 0.0, 0.0
+        if ti.static(self.relative):
+            self.cleanest[n], self.stored[n] = 0.0, 0
         self.law.renew(n, unit)
 
     @ti.func
@@ -171,8 +192,12 @@ class GasSensors:
 
     @ti.func
     def clean_ppm(self, n):
-        """Return the reading [ppm] of sensor n in clean air, without noise, drift and room climate."""
-        return self.law.ppm(n, self.law.resistance(n, self.law.response(n, self.clean(n))))
+        """Return the reading of sensor n in clean air, without noise, drift and room climate."""
+        ppm = self.law.ppm(n, self.law.resistance(n, self.law.response(n, self.clean(n))))
+        if ti.static(self.relative):
+            if self.p.gives[n] > 0:
+                ppm = 0.0
+        return ppm
 
     @ti.func
     def is_due(self, n, tick):
@@ -216,11 +241,41 @@ class GasSensors:
     def read(self, n, i, tick, r, ppm):
         """Write gas [ppm] and resistance r [ohm] to robot i's columns if its sensor n is due at time step `tick`."""
         if self.is_due(n, tick):
-            self.measured[i] = ppm
+            value = ppm
+            if ti.static(self.relative):
+                if self.p.gives[n] > 0:
+                    value = self._uncalibrated(n, tick, r)
+            excess = value
             if ti.static(self.zeroed):
-                self.reading[i] = ti.max(ppm - self.clean_ppm(n), 0.0)
+                excess = ti.max(value - self.clean_ppm(n), 0.0)
+            self.write(i, value, excess)
             if ti.static(self.law.HAS_RESISTANCE):
                 self.resistance[i] = r
+
+    @ti.func
+    def write(self, i, measured, excess):
+        """Write a reading of robot i, and `excess` above clean air for algorithms, as far as its gas is followed."""
+        self.measured[i] = measured
+        if ti.static(self.zeroed or self.swarm.classifies):
+            if ti.static(self.first and self.swarm.classifies):
+                excess *= self.swarm.gas_share[i]
+            self.reading[i] = excess
+
+    @ti.func
+    def _uncalibrated(self, n, tick, r):
+        """Return the ratio or rank of sensor n at the resistance r [ohm], and store what later ones are taken from."""
+        self.cleanest[n] = ti.max(self.cleanest[n], r)
+        value, level = self.cleanest[n] / r - 1.0, log(r)
+        if ti.static(self.ranks):
+            if self.p.gives[n] == 2:
+                lower, count = 0, ti.min(self.stored[n], RANKED)
+                for k in range(count):
+                    lower += ti.cast(self.past[n, k] - level > self.p.tied[n], ti.i32)
+                value = lower / ti.max(1.0, count)
+                if (tick - 1) % self.p.stored_each[n] == 0:
+                    self.past[n, self.stored[n] % RANKED] = level
+                    self.stored[n] += 1
+        return value
 
 
 def _sensor_numbers(
@@ -235,12 +290,16 @@ def _sensor_numbers(
         weight * (ppm if power == 1.0 else (1.0 + ppm / c1) ** power - 1.0)
         for weight, ppm, (c1, power) in zip(weights, background, bends, strict=False)
     )
+    hold, memory = max(1, round(sensor.period / tick)), getattr(sensor, "memory", 0.0)
     rise, decay, slow = (Lag(time, tick) for time in (signal.rise, signal.decay, signal.slow_decay))
     return {
         "height": sensor.height,
         "ahead": sensor.ahead,
         "left": sensor.left,
-        "hold": max(1, round(sensor.period / tick)),  # ticks per reading
+        "hold": hold,  # ticks per reading
+        "gives": GIVES.index(gives) if (gives := getattr(sensor, "gives", "ppm")) in GIVES else 0,
+        "tied": getattr(sensor, "tied", 0.0),
+        "stored_each": hold * max(1, round(memory / (RANKED * hold * tick))),  # ticks
         "averages": sensor.averaged > 1,
         "noise": signal.noise / sqrt(sensor.averaged),
         "reading_noise": signal.reading_noise,

@@ -50,9 +50,8 @@ class HeatedSensors(GasSensors):
 
     @ti.func
     def renew(self, n, unit):
-        self.signal[n], self.slow[n], self.sum[n], self.baseline[n] = 0.0, 0.0, 0.0, 0.0
         self.held[n], self.slow_held[n] = 0.0, 0.0
-        self.law.renew(n, unit)
+        GasSensors.renew(self, n, unit)
 
     @ti.func
     def settle(self, n):

@@ -34,9 +34,12 @@ from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.beliefs import LEAST, SPREAD, Beliefs, Declaring
 from taichi_plume.agents.decisions import Decision, way_point
 from taichi_plume.agents.groups import GroupRange
+from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import Potential
+from taichi_plume.agents.priors import require_prior
 from taichi_plume.agents.shortest_paths import FAR, Ways
+from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.way_points import WayPoints
 from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import direction, exp, log
@@ -63,6 +66,10 @@ class HitMap(KernelAlgorithm):
         *way_point(),
         Decision("information", "nat/s", "expected information there per time; null on the way to the mean"),
     )
+
+    def __init__(self, swarm: Swarm, members: Members, tick: float):
+        super().__init__(swarm, members, tick)
+        require_prior(members, self.beliefs())
 
     def _allocate(self) -> None:
         self.potential = Potential(self.members, self.p)
@@ -136,12 +143,15 @@ class HitMap(KernelAlgorithm):
 
     @ti.func
     def _forget(self, n):
-        """Reset robot n's belief: equal in all cells with a path to its start; in all cells if there are none."""
-        total = 0
+        """Reset robot n's belief to the prior in all cells with a path to its start; in all cells if there are none."""
+        total, everywhere = 0.0, self.belief.even * ti.cast(self.home[n] < 0, ti.f32)
         for b in range(self.count):
-            total += self._is_reached(n, b)
+            total += self._is_reached(n, b) * self.belief.weight[b // self.columns, b % self.columns]
         for b in range(self.count):
-            now = ti.select(total > 0, self._is_reached(n, b) / ti.max(1.0, total), self.belief.even)
+            weight = self.belief.weight[b // self.columns, b % self.columns]
+            now = ti.select(
+                total > 0.0, self._is_reached(n, b) * weight / ti.max(LEAST, total), everywhere * weight
+            )
             self.belief.p[n, b // self.columns, b % self.columns] = now
 
     @ti.func

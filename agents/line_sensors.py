@@ -149,9 +149,10 @@ class LineSensors(GasSensors):
             per = 1.0
             if self.beam.gives_mean[n] == 1:
                 per = ti.max(self.length[n], 1e-3)
-            self.measured[i] = ppm / per
+            excess = ppm / per
             if ti.static(self.zeroed):
-                self.reading[i] = ti.max(ppm - self.clean_ppm(n), 0.0) / per
+                excess = ti.max(ppm - self.clean_ppm(n), 0.0) / per
+            self.write(i, ppm / per, excess)
 
 
 def _beam(slot: int, step: float, group: GroupRange) -> Numbers:

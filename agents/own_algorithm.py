@@ -17,6 +17,7 @@ numbers as the class states, ``MESSAGE = 3``, within the group's `communication`
 
 from copy import deepcopy
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.own_robots import GOALS, Outputs, Robots, readable_columns, writable_columns
 from taichi_plume.agents.parameters import Parameters
+from taichi_plume.agents.priors import prior_weights
 from taichi_plume.agents.radio import NEVER, Radio
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.files import checkpoint
@@ -132,7 +134,10 @@ class OwnAlgorithm:
         self.DECISIONS: tuple[Decision, ...] = self._decisions()
         number = np.arange(group.size)
         trial = group.model.first_trial + number // group.count
-        self.robots = Robots(trial, number % group.count, *self._heard(), self.flies, group.model.turn_time)
+        prior = partial(prior_weights, members)
+        self.robots = Robots(
+            trial, number % group.count, *self._heard(), self.flies, group.model.turn_time, prior
+        )
         self.algorithm: Any = self._made(before)
         with failures_named(self.path):
             self.STATE_NAMES = tuple(map(str, getattr(self.algorithm, "STATE_NAMES", ("SEARCH",))))

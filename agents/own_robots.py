@@ -1,6 +1,6 @@
 """Interface of a user's own algorithm to its robots: readings, commands, source declarations and radio messages."""
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
 import numpy as np
@@ -43,7 +43,7 @@ class Robots(KnownAttributes):
     numbers of each; `t`, `dt` [s]; of classes with a MESSAGE `heard` (n, robots of a team, MESSAGE), the last message
     from each mate, NaN if none, and `heard_at` (n, robots of a team), its time [s]. Write: `speed` [m/s]; `turn_rate`
     [rad/s]; `state`, whole numbers that index the algorithm's STATE_NAMES. Other attributes cannot be set:
-    AttributeError. Call: `turn_to`, `declare`, `tell`; `said` holds the declarations and messages of this time step.
+    AttributeError. Call: `turn_to`, `declare`, `tell`, `prior`; `said` holds the calls of this step.
 
     Of drones also, read: `altitude` [m]. Write: `left_speed` [m/s], `climb_rate` [m/s]. Call in each step: `go_to`.
 
@@ -81,9 +81,10 @@ class Robots(KnownAttributes):
         heard_at: np.ndarray,
         flies: bool = False,
         turn_time: float = 0.0,
+        prior: Callable[[float], np.ndarray] | None = None,
     ):
         n = len(trial)
-        self.flies, self._turn_time = flies, turn_time
+        self.flies, self._turn_time, self._prior = flies, turn_time, prior
         self.trial, self.robot = trial, robot
         self.t, self.dt = 0.0, 0.0
         self.heard, self.heard_at = heard, heard_at
@@ -165,6 +166,17 @@ class Robots(KnownAttributes):
         message = _numbers(values, "values", (len(indices), words))
         _require_finite(message, "values")
         self.said.speaks[indices], self.said.message[indices] = True, message
+
+    def prior(self, cell: float) -> np.ndarray:
+        """Return the scenario's prior of the source on square cells of edge `cell` [m], (nx, ny), sum 1.
+
+        The first cell is at the lower corner of the robots' floor. The prior is uniform unless the algorithm's key
+        `prior` gives another. Raises ValueError.
+        """
+        if self._prior is None or not cell > 0.0:
+            raise ValueError(f"cell is {cell}; must be a positive length in metres")
+        weights = self._prior(cell)
+        return weights / weights.sum()
 
     def _numbers(self, which: ArrayLike) -> np.ndarray:
         """Return the indices of the robots that the mask or index list `which` selects. Raises ValueError."""

@@ -4,10 +4,11 @@ After Li, Meng, Wang & Zeng, "Odor source localization using a mobile robot in o
 particle filter algorithm", Autonomous Robots 30 (2011) 281-292, doi:10.1007/s10514-011-9219-2: the filter runs beside a
 plume tracing behaviour, here `casting`, and the search ends when its estimates lie together. The likelihood is that of
 the plume model of `releases`. Particles are drawn at the first detection (importance sampling): half of them where the
-gas may have come from, from the mean of the distributions of the releases that were on the floor, seen from the robot,
-the rest uniformly over the floor. Weights are the likelihood over the density of the draw; each update multiplies them
-by the likelihood. Systematic resampling (Kitagawa 1996, doi:10.1080/10618600.1996.10474692) follows when the effective
-number of particles is below half of them, with roughening (Gordon, Salmond & Smith 1993, doi:10.1049/ip-f-2.1993.0015).
+gas may have come from, from the mean of the distributions of the releases that were on the floor, seen from the robot.
+The rest come from the prior, uniform over the floor unless given. Weights are the likelihood times the prior over the
+density of the draw; each update multiplies them by the likelihood. Systematic resampling (Kitagawa 1996,
+doi:10.1080/10618600.1996.10474692) follows when the effective number of particles is below half of them, with
+roughening (Gordon, Salmond & Smith 1993, doi:10.1049/ip-f-2.1993.0015).
 
 GO  to the estimate by `potential`, when the last estimates and the particles lie together; at the estimate, or as near
 as possible, the robot declares the estimate if the belief is sure (see `beliefs`) on a second visit; then IN_PLUME or
@@ -27,6 +28,7 @@ from taichi_plume.agents.decisions import Decision, position
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import NEAR, Potential
+from taichi_plume.agents.priors import prior_weights
 from taichi_plume.agents.releases import Releases
 from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.engine import ti
@@ -36,7 +38,7 @@ from taichi_plume.scenario.belief_algorithms import ParticleFilter as Model
 
 GO = 5  # after the states of casting
 ENOUGH = 0.5  # fraction of the particles; a lower effective number triggers resampling
-EVENLY = 0.5  # fraction of the particles drawn uniformly over the floor
+EVENLY = 0.5  # fraction of the particles drawn from the prior
 DOUBTS = 5  # unexplained detections in a row
 APART = 2.0  # times `converged`: particles that spread so far have not converged
 LEAST = 1e-30  # sum of weights that counts as zero
@@ -85,6 +87,11 @@ class ParticleFilter(Casting):
         clearance = self.swarm.clearance
         self.belief_low = np.array(clearance.low)
         self.floor = (tuple(clearance.low), tuple(clearance.high))
+        weights = prior_weights(self.members, model.cell)
+        self.prior, self.is_uniform = weights / weights.sum(), bool((weights == 1.0).all())
+        self.rows, self.columns = weights.shape
+        self.relative = ti.filled(weights, ti.f32)  # prior over the uniform one, of each cell
+        self.cumulated = ti.filled(np.cumsum(self.prior.ravel()), ti.f32)
         period = self.between * self.tick
         self.releases = Releases(self.members, self.p, max(1, round(model.memory / period)), period)
         self.potential = Potential(self.members, self.p)
@@ -101,9 +108,8 @@ class ParticleFilter(Casting):
         }
 
     def beliefs(self) -> np.ndarray:
-        """Return each robot's particle weight per cell, (size, nx, ny), sum 1; uniform before the first detection."""
-        low, high = np.array(self.floor)
-        cells = np.maximum(1, np.round((high - low) / self.belief_cell).astype(int))
+        """Return each robot's particle weight per cell, (size, nx, ny), sum 1; the prior before the first detection."""
+        low, cells = np.array(self.floor[0]), np.array(self.prior.shape)
         particle, weight, known = self.particle.values, self.weight.values, self.known.values
         belief = np.zeros((self.size, *cells), np.float32)
         at = np.clip(((particle - low) / self.belief_cell).astype(int), 0, cells - 1)
@@ -111,7 +117,7 @@ class ParticleFilter(Casting):
             if known[n]:
                 np.add.at(belief[n], (at[n, :, 0], at[n, :, 1]), weight[n])
             else:
-                belief[n] = 1.0
+                belief[n] = self.prior
         belief /= belief.sum(axis=(1, 2), keepdims=True)
         return belief
 
@@ -175,6 +181,11 @@ class ParticleFilter(Casting):
         x = self.swarm.believed_position[self.robot[n]]
         u = uniform4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, 1 + 2 * m)
         place = low + ti.Vector([u[0], u[1]]) * (high - low)
+        if ti.static(not self.is_uniform):
+            cell = self._cell_of_prior(u[3])
+            place = low + self.belief_cell * (
+                ti.Vector([cell // self.columns, cell % self.columns]) + ti.Vector([u[0], u[1]])
+            )
         releases = 1
         for age in range(self.releases.released(n)):
             if self.releases.is_on_floor(x - self.releases.back[n, age]):
@@ -184,13 +195,35 @@ class ParticleFilter(Casting):
             age = ti.min(ti.cast(u[3] * releases, ti.i32), releases - 1)
             variance = self.releases.variance(n, age)
             place = x - self.releases.back[n, age] + ti.sqrt(variance) * ti.Vector([g[0], g[1]])
-        density = EVENLY / ((high - low)[0] * (high - low)[1])
+        density, relative = EVENLY / ((high - low)[0] * (high - low)[1]), 1.0
+        if ti.static(not self.is_uniform):
+            relative = self._relative_prior(place)
+            density = EVENLY * relative / (self.belief_cell**2 * self.rows * self.columns)
         for age in range(releases):
             density += (1.0 - EVENLY) / releases * self.releases.patch(n, place, age)
         self.particle[n, m] = ti.math.clamp(place, low, high)
         self.weight[n, m] = ti.select(
-            self.releases.is_on_floor(place), self.releases.likelihood(n, place) / density, 0.0
+            self.releases.is_on_floor(place), relative * self.releases.likelihood(n, place) / density, 0.0
         )
+
+    @ti.func
+    def _cell_of_prior(self, u):
+        """Return the cell at the quantile u of the prior: the first cell up to which its sum reaches u."""
+        first, last = 0, self.rows * self.columns - 1
+        while first < last:
+            middle = (first + last) // 2
+            if self.cumulated[middle] < u:
+                first = middle + 1
+            else:
+                last = middle
+        return first
+
+    @ti.func
+    def _relative_prior(self, place):
+        """Return the prior at the point `place` [m], as a multiple of the uniform one."""
+        at = ti.cast(ti.floor((place - ti.Vector(self.floor[0])) / self.belief_cell), ti.i32)
+        at = ti.math.clamp(at, 0, ti.Vector([self.rows, self.columns]) - 1)
+        return self.relative[at[0], at[1]]
 
     @ti.kernel
     def _conclude(self, tick: int):
@@ -266,7 +299,11 @@ class ParticleFilter(Casting):
         for m in range(self.count):
             g = normal4(self.swarm.key[None], self.p.stream[n], self.number[n], tick, -1 - m)
             moved = self.spare[n, m] + self.p.roughening[n] * (high - low) * ti.Vector([g[0], g[1]])
-            self.particle[n, m] = ti.math.clamp(moved, ti.Vector(self.floor[0]), ti.Vector(self.floor[1]))
+            moved = ti.math.clamp(moved, ti.Vector(self.floor[0]), ti.Vector(self.floor[1]))
+            if ti.static(not self.is_uniform):
+                if self._relative_prior(moved) == 0.0:
+                    moved = self.spare[n, m]
+            self.particle[n, m] = moved
             self.weight[n, m] = 1.0 / self.count
 
     @ti.func

@@ -5,6 +5,7 @@ from math import exp
 from typing import cast
 
 from taichi_plume.agents.anemometers import Anemometers
+from taichi_plume.agents.gas_classes import GasClassifier
 from taichi_plume.agents.gas_laws import LAWS
 from taichi_plume.agents.gas_sensors import GasSensors
 from taichi_plume.agents.heated_sensors import HeatedSensors
@@ -32,7 +33,7 @@ class Sensors:
     [ppm], to which the sensors are zeroed; () for none.
     """
 
-    STATE: tuple[str, ...] = ("noses", "vanes")
+    STATE: tuple[str, ...] = ("noses", "vanes", "classifiers")
 
     def __init__(
         self,
@@ -69,6 +70,7 @@ class Sensors:
         self.others = tuple(sensor for (slot, *_), sensor in made.items() if slot > 0)
         if self.others:
             self.STATE = (*self.STATE, "others")
+        self.classifiers: tuple[GasClassifier, ...] = ()
         if any(background) and self.count and swarm.episodes is None:
             for sensor in (*self.noses, *self.others):
                 self._read_clean_air(sensor, sum(background))
@@ -80,6 +82,8 @@ class Sensors:
                 self._sense(sensor, anemometer, gas, wind, tick, t, exp(-t / WARMING))
             for sensor in self.others:
                 self._sense(sensor, None, gas, wind, tick, t, exp(-t / WARMING))
+            for classifier in self.classifiers:
+                classifier.classify()
             if self.ranges is not None:
                 self.ranges.measure(tick)
 

@@ -43,6 +43,7 @@ from taichi_plume.agents.dispersion import Dispersion
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import Potential
+from taichi_plume.agents.priors import prior_weights, require_prior
 from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.shortest_paths import FAR, Ways
 from taichi_plume.agents.source_posterior import MODEL_SHAPE, Estimate, Rates, SourcePosterior
@@ -399,12 +400,14 @@ class SourceTerm(KernelAlgorithm):
         return weights
 
     def _prior(self, start: np.ndarray) -> np.ndarray:
-        """Return the prior of the source's cell (nx, ny): even over the cells whose gas can come to the start [m]."""
+        """Return weights of the source's cell (nx, ny): those of the prior where gas can come to the start [m]."""
         air = ~(self.solid if self.solid.ndim == 2 else self.solid[:, :, 0])
         regions: np.ndarray = ndimage.label(air)[0]
         at = np.clip(((start - self.belief_low) / self.belief_cell).astype(int), 0, np.array(self.cells) - 1)
         here = regions[tuple(at)]
-        return ((regions == here) if here else air).astype(float)
+        weights = ((regions == here) if here else air) * prior_weights(self.members, self.belief_cell)
+        require_prior(self.members, weights[None])
+        return weights
 
     def _ppm(self, reading: np.ndarray) -> np.ndarray:
         """Return the concentration [ppm] of the gas whose steady reading this is."""

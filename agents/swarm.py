@@ -12,7 +12,14 @@ import numpy as np
 
 from taichi_plume.agents.camera import Camera
 from taichi_plume.agents.collisions import CLEAR, PINNED, PUSHED, SKIN, Contact
-from taichi_plume.agents.columns import Rows, columns_of, further_gas_sensors, range_columns, with_excess
+from taichi_plume.agents.columns import (
+    GAS_SHARE,
+    Rows,
+    columns_of,
+    further_gas_sensors,
+    range_columns,
+    with_excess,
+)
 from taichi_plume.agents.flight import FREE, Flying
 from taichi_plume.agents.groups import GroupRange, ranges
 from taichi_plume.agents.odometry import Odometry, Reckoning
@@ -22,6 +29,7 @@ from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.agents.trials import FAR, OwnClocks, Trials
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
+from taichi_plume.files.prior_map import PriorMap
 from taichi_plume.grid.elementary import cos_sin, wrap
 from taichi_plume.scenario.localization import Camera as CameraModel
 from taichi_plume.scenario.obstacles import Obstacle
@@ -76,6 +84,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
         sources_at: Callable[[float], np.ndarray] | None = None,
     ):
         self.clearance, self.room = clearance, room
+        self.priors: dict[int, PriorMap] = {}  # of groups, by their numbers
         self.episodes = episodes
         self.apart = episodes is not None  # whether each trial restarts on its own
         self.groups: list[GroupRange] = ranges(groups, rivals)
@@ -89,10 +98,15 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
             *further_gas_sensors(max((len(group.sensors.noses) for group in groups), default=1)),
             *range_columns(max((group.sensors.ranges for group in groups), default=0)),
         )
-        columns = (*columns_of(self.flies, bool(walkers)), *further)
-        self.columns = with_excess(columns) if background else columns
+        self.classifies = any(group.sensors.classifier for group in groups)
+        differs, shares = background or self.classifies, (GAS_SHARE,) * self.classifies
+        columns = (*columns_of(self.flies, bool(walkers)), *further, *shares)
+        self.columns = with_excess(columns) if differs else columns
         self.STATE = tuple(column.name for column in self.columns)
-        self._allocate(n, self.reckons, background)
+        self._allocate(n, self.reckons, differs)
+        if self.classifies:
+            everything = self._each(lambda group: float(group.sensors.classifier is None))
+            self.gas_share.from_numpy(everything.astype(np.float32))
         self._further = [getattr(self, column.name) for column in further]
         for name, value in BODY.items():
             setattr(self, name, ti.filled(self._each(value), ti.f32))

@@ -1,7 +1,7 @@
 """Assembly of a `TimeLoop` (grid, wind, gas, robots, sensors) from a checked scenario."""
 
 import gc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from math import prod
 from pathlib import Path
@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from taichi_plume.agents.gas_classes import classifiers
 from taichi_plume.agents.gas_map import Floor
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.line_sensors import Surroundings
@@ -114,6 +115,7 @@ def build(
         room=Room(scenario.domain.extent, scenario.domain.depth, scenario.passes_edge, _sought(scenario)),
         sources_at=scenario.targets_at if scenario.sources_change else None,
     )
+    swarm.priors = _of_groups(resources.priors, "algorithm.prior", scenario)
     weights = _weights(scenario)
     scalars = {path: Scalar(grid, takes_space=True) for path in weights}
     weighing = [BuoyantScalar(scalar.q, weights[path], scalar.source) for path, scalar in scalars.items()]
@@ -131,6 +133,9 @@ def build(
         set_initial_conditions(scenario, resources, wind, gas.gases)
     around = partial(_around, scenario, grid, air)
     sensors = Sensors(swarm, grid.dim, scenario.tick, gas.species, around, gas.fluctuates, gas.background)
+    sensors.classifiers = classifiers(
+        swarm, _of_groups(resources.classifiers, "sensors.classifier", scenario)
+    )
     try:
         driving = teams(swarm, scenario.tick, own, networks, recorded, running.teams if running else ())
     except NetworkError as error:
@@ -294,6 +299,12 @@ def _drivers(
     if faults:
         raise ScenarioError(faults)
     return own, networks, recorded
+
+
+def _of_groups(opened: Mapping[str, Any], key: str, scenario: Scenario) -> dict[int, Any]:
+    """Return what was opened for a key of the groups of robots, such as ``algorithm.prior``, by the groups' numbers."""
+    paths = {n: f"robots[{n}].{key}" for n in range(len(scenario.robots))}
+    return {n: opened[path] for n, path in paths.items() if path in opened}
 
 
 def _places(scenario: Scenario) -> np.ndarray:

@@ -10,14 +10,17 @@ import numpy as np
 from pydantic import ValidationError
 
 from taichi_plume.files.conventions import FileFacts
+from taichi_plume.files.gas_classes import ClassifierError, TrainedClassifier, trained
 from taichi_plume.files.network import Network
 from taichi_plume.files.own_class import CLASSES, Code, LawFile, OwnAlgorithmError, OwnFile, Permission
 from taichi_plume.files.point_frames import PointFileError, PointFrames, frames_of
+from taichi_plume.files.prior_map import PriorError, PriorMap
 from taichi_plume.files.ros_robots import MapFrame
 from taichi_plume.grid.shapes import Shape
 from taichi_plume.scenario.algorithms import Own
 from taichi_plume.scenario.domain import Context
 from taichi_plume.scenario.external import Replay
+from taichi_plume.scenario.gas_classes import AnyClassifier, NearestClassifier, OnnxClassifier
 from taichi_plume.scenario.gases import PlaybackGas, PureGas
 from taichi_plume.scenario.imported_wind import ImportedWind
 from taichi_plume.scenario.initial_conditions import InitialGas, InitialWind
@@ -33,6 +36,7 @@ from taichi_plume.scenario.playback import (
 )
 from taichi_plume.scenario.plumesim import FluentGas, PlumeSimGas
 from taichi_plume.scenario.policy import Policy
+from taichi_plume.scenario.prior import Prior
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scenario.vocabulary import Model
 
@@ -56,6 +60,8 @@ OPENED = (
     "code",
     "networks",
     "ways",
+    "priors",
+    "classifiers",
     "gases",
 )
 """Attributes of `Resources` with the contents of files, by the paths of the sections."""
@@ -69,8 +75,9 @@ class Resources:
     also by other files, and for `gaden`. facts: what was read of the files of each section.
     shapes: of the obstacles, in their order. site: files of an imported wind.
     code: files of own algorithms and laws; own: their classes and functions, once executed. networks: of policies.
-    ways: paths of recorded robots. gases: played-back gases, completed by their films. warnings: results of the checks.
-    sections: all that were opened. folder, allow_outside, named, allow_code: permissions, see `preparation.again`.
+    ways: paths of recorded robots. priors: of searches. classifiers: of gases.
+    gases: played-back gases, completed by their films. warnings: results of the checks. sections: all that were opened.
+    folder, allow_outside, named, allow_code: permissions, see `preparation.again`.
     """
 
     scenario: Scenario
@@ -92,6 +99,8 @@ class Resources:
     own: dict[str, Code] = field(default_factory=dict)
     networks: dict[str, Network] = field(default_factory=dict)
     ways: "dict[str, list[Way]]" = field(default_factory=dict)
+    priors: dict[str, PriorMap] = field(default_factory=dict)
+    classifiers: dict[str, TrainedClassifier] = field(default_factory=dict)
     gases: dict[str, PureGas] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     _unlike: dict[Path, int] = field(default_factory=dict, repr=False)
@@ -331,6 +340,27 @@ def _ways(resources: Resources, path: str, model: Replay, folder: Path) -> None:
         resources.facts[path] = facts(resources.ways[path], resources.origins(path))
 
 
+def _prior(resources: Resources, path: str, model: Prior, folder: Path) -> None:
+    """Read the weights of a prior, from its file or its section, and check that some of them lie in the room."""
+    try:
+        resources.priors[path] = PriorMap(model, resources.scenario.floor, folder)
+    except PriorError as error:
+        resources.faults[f"{path}.{error.key}"] = str(error)
+
+
+def _classifier(resources: Resources, path: str, model: AnyClassifier, folder: Path) -> None:
+    """Read or train the classifier of gases of a group's robots."""
+    group = path.removesuffix(".sensors.classifier")
+    sensors = next(
+        each.sensors for n, each in enumerate(resources.scenario.robots) if group == f"robots[{n}]"
+    )
+    gases = sorted({gas.vapour.name for _, gas in resources.scenario.gases})
+    try:
+        resources.classifiers[path] = trained(model, sensors, gases, folder)
+    except ClassifierError as error:
+        resources.faults[f"{path}.{error.key}"] = str(error)
+
+
 OPENERS: dict[type[Model], Callable[[Resources, str, Any, Path], PureGas | None]] = {
     PlaybackWind: _film,
     PlaybackGas: _film,
@@ -342,6 +372,9 @@ OPENERS: dict[type[Model], Callable[[Resources, str, Any, Path], PureGas | None]
     ImportedWind: _site,
     InitialWind: _moment,
     InitialGas: _moment,
+    Prior: _prior,
+    NearestClassifier: _classifier,
+    OnnxClassifier: _classifier,
     Own: _own,
     OwnGas: _law,
     OwnWind: _law,

@@ -88,6 +88,10 @@ def require_task(scenario: Scenario) -> None:
         raise ScenarioError([f"robots: group '{name}' has found: declared, but its policy {what}"])
     if group.sensors.range is not None:
         raise ScenarioError([f"robots: sensors.range of '{name}': environments do not support range sensors"])
+    if group.sensors.classifier is not None:
+        raise ScenarioError(
+            [f"robots: sensors.classifier of '{name}': environments do not support classifiers"]
+        )
     for path, sensor in group.sensors.placed():
         if sensor.kind == "tdlas":
             raise ScenarioError([f"robots: {path}.kind of '{name}': environments do not support tdlas"])

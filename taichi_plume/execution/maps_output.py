@@ -109,4 +109,5 @@ def _belief(belief: GroupBeliefs) -> dict[str, np.ndarray]:
         "y": y,
         "x": x,
         "probability": np.ascontiguousarray(belief.p.transpose(0, 1, 3, 2), np.float32),
+        **({} if belief.prior is None else {"prior": np.ascontiguousarray(belief.prior.T, np.float32)}),
     }

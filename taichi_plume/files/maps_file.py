@@ -17,6 +17,7 @@ The k-th robot group that keeps a posterior of the source position is the group 
 group and the kind of its algorithm as attributes:
 
     probability  [1]  that the source is in the cell, in the order (trial, robot, y, x); sums to 1 over the cells
+    prior        [1]  the same before the first reading, in the order (y, x); with the key `prior` alone
 
 To open a map: ``xarray.open_zarr("runs/arena-1/maps.zarr", group="0")``.
 """
@@ -54,6 +55,7 @@ MEANING = {
     "robot": ("1", "number of the robot in its team", ()),
     "component": ("1", "component of the wind: 0 along x, 1 along y", ()),
     "probability": ("1", "probability that the source is in the cell", ("trial", "robot", "y", "x")),
+    "prior": ("1", "prior probability that the source is in the cell", WHOLE[1:]),
 }
 VECTORS = (*WHOLE, "component")
 OF_WIND = MEANING | {

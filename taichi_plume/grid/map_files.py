@@ -107,7 +107,7 @@ def read_map(path: Path, resolution: float | None = None) -> RosMap:
     resolution: edge of a pixel [m] of a picture alone, whose lower left corner is the origin of the frame.
     """
     data, image, remarks = _described(path, resolution)
-    levels, most, opaque = _picture(path, image)
+    levels, most, opaque = read_picture(path, image)
     if unread := [visible(key, LONGEST_VALUE) for key in data if key not in KEYS]:
         remarks.append(f"not read: {', '.join(unread)}")
     known = {key: _number(path, data, key, 0.0, 1.0) for key in DEFAULTS}
@@ -217,7 +217,7 @@ def _image(path: Path, data: Mapping[str, object]) -> tuple[Path, list[str]]:
     return stated, []
 
 
-def _picture(path: Path, image: Path) -> tuple[np.ndarray, int, np.ndarray | None]:
+def read_picture(path: Path, image: Path) -> tuple[np.ndarray, int, np.ndarray | None]:
     """Return the levels of the pixels, (rows, columns), the level of white, and a mask of opaque pixels or None."""
     from PIL import Image, UnidentifiedImageError
 

@@ -65,7 +65,7 @@ OVER_TIME = (
 )
 BELIEFS = (
     "Belief (posterior) of the first robot of each group, in the first trial: probability density of the source's "
-    "position [1/m²]. Stars: the sources. Colours are logarithmic."
+    "position [1/m²]; before it the prior, if the scenario gives one. Stars: the sources. Colours are logarithmic."
 )
 BELIEF_SCORES = (
     "Means over robots and trials, at the end. Expected distance: from the believed source to the nearest true "

@@ -41,12 +41,13 @@ class MapAtEnd(NamedTuple):
 
 class BeliefAtEnd(NamedTuple):
     """Belief of the first robot of a group in the first trial: density (ny, nx) [1/m²] on a rectangle (left, right,
-    low, high) [m].
+    low, high) [m]. prior: density before the first reading; None without the key `prior`.
     """
 
     group: str
     density: np.ndarray
     reach: tuple[float, float, float, float]
+    prior: np.ndarray | None = None
 
 
 def maps_of(folder: Path) -> list[MapAtEnd]:
@@ -88,7 +89,8 @@ def _belief(group: Any) -> BeliefAtEnd:
         raise ValueError(f"{group.name} has a probability of {p.shape}")
     left, right, low, high = float(x[0]), float(x[-1]), float(y[0]), float(y[-1])
     reach = (left - cell / 2, right + cell / 2, low - cell / 2, high + cell / 2)
-    return BeliefAtEnd(str(group.attributes["group"]), p / cell**2, reach)
+    prior = np.asarray(group["prior"], float) / cell**2 if "prior" in group.names else None
+    return BeliefAtEnd(str(group.attributes["group"]), p / cell**2, reach, prior)
 
 
 def beside_truth(run: Run, maps: Sequence[MapAtEnd]) -> bytes:
@@ -115,8 +117,16 @@ def beside_truth(run: Run, maps: Sequence[MapAtEnd]) -> bytes:
 
 
 def beside_sources(run: Run, beliefs: Sequence[BeliefAtEnd]) -> bytes:
-    """Return a PNG with each belief map of the source position, and the true sources, two maps in a row."""
-    pictures = [(belief.group, belief.density, belief.reach) for belief in beliefs]
+    """Return a PNG with each belief map of the source position, and the true sources, two maps in a row.
+
+    A prior that a scenario gives stands before the belief at the end.
+    """
+    pictures: list[Picture] = []
+    for belief in beliefs:
+        if belief.prior is not None:
+            pictures.append((f"{belief.group}: prior", belief.prior, belief.reach))
+        name = belief.group if belief.prior is None else f"{belief.group}: posterior"
+        pictures.append((name, belief.density, belief.reach))
     return _drawn(run, pictures, (DENSITIES.low, DENSITIES.high), "1/m²")
 
 

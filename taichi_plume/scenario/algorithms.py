@@ -17,8 +17,10 @@ from taichi_plume.scenario.external import External, Replay
 from taichi_plume.scenario.own_code import OwnCode
 from taichi_plume.scenario.plume_tracking import Casting, Casting3D, SurgeCast, SurgeSpiral
 from taichi_plume.scenario.policy import Policy
+from taichi_plume.scenario.prior import Prior
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm, EColi, Spiral
 from taichi_plume.scenario.team_algorithms import Dapso, LeastKnown, LineUp, Sweep
+from taichi_plume.scenario.vocabulary import AT_START
 
 
 class RandomWalk(AnyAlgorithm):
@@ -43,6 +45,8 @@ class Own(AnyAlgorithm, OwnCode):
 
     may_declare: ClassVar[bool] = True  # unknown: the class decides
     kind: Literal["own"]
+    prior: Annotated[Prior | None, AT_START] = None
+    """Prior of the source's position, which the class reads by `robots.prior(cell)`. Unless given it is uniform."""
 
 
 Algorithm = Annotated[

@@ -11,8 +11,9 @@ from pydantic import Field, model_validator
 from taichi_plume.quantities import ill_sized, number
 from taichi_plume.scenario import si
 from taichi_plume.scenario.plume_tracking import Casting
+from taichi_plume.scenario.prior import Prior
 from taichi_plume.scenario.search_algorithm import AnyAlgorithm, Listening
-from taichi_plume.scenario.vocabulary import Model, consistency_check
+from taichi_plume.scenario.vocabulary import AT_START, Model, consistency_check
 
 if TYPE_CHECKING:
     from taichi_plume.scenario.domain import Arena
@@ -30,6 +31,8 @@ class Declares(AnyAlgorithm):
     """Spread of the belief below which a robot declares the source at the belief's mean. It is the root mean square
     distance from this mean: if the belief is normal and right, 0.2 m puts 95 % of the declared positions within the
     usual reach, 0.35 m, of the source. null: the robot never declares; also the default if a single cell is wider."""
+    prior: Annotated[Prior | None, AT_START] = None
+    """Belief before the first reading, and after evidence that rules out all places. Unless given it is uniform."""
 
     @property
     def may_declare(self) -> bool:

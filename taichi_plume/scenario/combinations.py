@@ -280,6 +280,9 @@ def _smells(path: str, group: Group, context: Context) -> Iterator[str]:
             yield f"{key}: {threshold:g} counts in ppm m, the unit of the laser; or use sensors.gas.gives: mean"
         return
     gases = context.scenario.backgrounds
+    if isinstance(sensor, MoxSensor) and sensor.gives != "ppm":
+        yield from _uncalibrated(key, threshold, sensor, context)
+        return
     clean = sum(sensor.reads(name, ppm) for name, ppm in gases.items())  # about, in the background
     if isinstance(sensor, MoxSensor):
         c0, b = sensor.reading_curve
@@ -302,6 +305,22 @@ def _smells(path: str, group: Group, context: Context) -> Iterator[str]:
         )
         if threshold > most:
             yield f"{key}: {threshold:g} ppm is more than a reading at the source, about {most:.2g} ppm; lower it"
+
+
+def _uncalibrated(key: str, threshold: float, sensor: MoxSensor, context: Context) -> Iterator[str]:
+    """Yield warnings of a detection threshold for ratios or ranks that none reaches, or that noise alone crosses."""
+    if sensor.gives == "rank":
+        if threshold >= 1.0:
+            yield f"{key}: {threshold:g} is never reached by sensors.gas.gives: rank, which is from 0 to 1; lower it"
+        return
+    noise = hypot(sensor.noise / sqrt(sensor.averaged), sensor.reading_noise)
+    if threshold < PEAK * noise:
+        least = PEAK * noise
+        yield f"{key}: {threshold:g} is crossed by the noise of the ratio, {noise:.2g}; raise it above {least:.2g}"
+    peak = sum(_peaks(context) or ())
+    most = max((sensor.reads(name, peak) for name in context.scenario.backgrounds), default=0.0)
+    if peak and threshold > most:
+        yield f"{key}: {threshold:g} is more than the ratio at the source, about {most:.2g}; lower it"
 
 
 def _starts(path: str, group: Group, context: Context, where: Course | None) -> Iterator[str]:

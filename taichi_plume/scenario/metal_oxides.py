@@ -156,6 +156,14 @@ class MoxSensor(GasSensor):
     """Conversion of a resistance to ppm: by the model's own law, or by a cubic in log R. The cubic is fitted to each
     unit from 5 to 1000 ppm. Below 5 ppm, `cubic` goes on as a line to 0 in clean air; `extrapolated_cubic` is the cubic
     itself, which reads above 0 in clean air: 0.5 ppm of a TGS 800."""
+    gives: Literal["ppm", "ratio", "rank"] = "ppm"
+    """Kind of reading. ppm: by the calibration. The others need none: ratio is R0/R - 1, with R0 the largest resistance
+    so far; rank is the share of the robot's readings within `memory` that are clearly lower (Jin et al. 2026).
+    Thresholds of algorithms then count in this number."""
+    memory: si.Wait = 60.0
+    """Time whose readings a rank compares with the present one."""
+    tied: si.Intensity = 0.02
+    """Difference in ln R below which two readings have the same rank, so that noise has none."""
     spread: si.Intensity = 0.0
     """Differences between units, over those of the data sheet: R_air over its range, the exponent b by 8 %. 0 makes
     all alike, 1 as different as the sheet allows."""
@@ -228,13 +236,15 @@ class MoxSensor(GasSensor):
 
     def reads(self, species: str, ppm: float) -> float:
         felt, read = self.curve(species), self.reading_curve
+        if self.gives == "ratio" and felt is not None:
+            return (1.0 + ppm / felt[0]) ** felt[1] - 1.0
         if felt is None or felt[1] == read[1]:
             return 0.0 if felt is None else ppm * (read[0] / felt[0])
         return read[0] * ((1.0 + ppm / felt[0]) ** (felt[1] / read[1]) - 1.0)
 
     @property
     def bends_at(self) -> float:
-        return self.reading_curve[0]
+        return 1.0 if self.gives == "ratio" else self.reading_curve[0]
 
     @property
     def reading_curve(self) -> tuple[float, float]:

@@ -72,6 +72,14 @@ class Listening(AnyAlgorithm):
     """Whether the mean of an acquisition is that of the readings, or of the gas that the lagging sensor met. The second
     adds the change of the readings, times the sensor's time constant over the time of the samples."""
 
+    def in_group(self, where: str, group: "Group", floor: "Arena") -> Iterator[str]:
+        if getattr(group.sensors.nose, "gives", "") == "rank" and (
+            self.estimates_rates or self.lag != "ignored"
+        ):
+            need = "algorithm.lag: deconvolved" if self.lag != "ignored" else "the algorithm"
+            yield f"{where}.sensors.gas.gives: a rank is no concentration, which {need} needs; use ppm or ratio"
+        yield from super().in_group(where, group, floor)
+
 
 class Spiral(Listening):
     """Spirals of straight arms around places of ever more gas, for rooms without strong wind.

@@ -11,6 +11,7 @@ from pydantic import Discriminator, Field, Tag
 
 from taichi_plume.quantities import number
 from taichi_plume.scenario import si
+from taichi_plume.scenario.gas_classes import Classifier
 from taichi_plume.scenario.gas_sensors import GasSensor, IdealGasSensor, PidSensor, TdlasSensor
 from taichi_plume.scenario.metal_oxides import MoxSensor
 from taichi_plume.scenario.vocabulary import Model, consistency_check
@@ -109,6 +110,8 @@ class Sensors(Model):
     ] = MoxSensor(kind="mox")
     """Gas sensor of each robot, or a list of several, such as one to the left and one to the right. Algorithms, maps
     and policies use the first, unless they take several."""
+    classifier: Classifier | None = None
+    """Classifier of the gas by all gas sensors, so that the robot follows one gas of several. Unless given, none."""
     wind: Anemometer = Anemometer(kind="ultrasonic")
     """Anemometer of each robot."""
     range: RangeSensors | None = None

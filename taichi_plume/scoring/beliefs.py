@@ -25,12 +25,16 @@ from taichi_plume.time_loop import Every, TimeLoop
 
 @dataclass(frozen=True)
 class GroupBeliefs:
-    """Beliefs of a group: p (trials, robots, nx, ny), on cells of edge `cell` [m] from corner `low` (2,) [m] on."""
+    """Beliefs of a group: p (trials, robots, nx, ny), on cells of edge `cell` [m] from corner `low` (2,) [m] on.
+
+    prior: (nx, ny), sum 1; None without the key `prior`.
+    """
 
     group: GroupRange
     cell: float
     low: np.ndarray
     p: np.ndarray
+    prior: np.ndarray | None = None
 
     def axes(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates of the cells' centres along x and along y [m]."""
@@ -76,7 +80,10 @@ def beliefs(sim: TimeLoop) -> list[GroupBeliefs]:
         belief, begin = np.asarray(believer.beliefs()), 0
         for group in believer.members.groups:
             p = belief[begin : begin + group.size].reshape(group.trials, group.count, *belief.shape[1:])
-            parts.append(GroupBeliefs(group, believer.belief_cell, np.asarray(believer.belief_low, float), p))
+            low, prior = np.asarray(believer.belief_low, float), sim.swarm.priors.get(group.number)
+            weights = prior.on(low, believer.belief_cell, p.shape[2:]) if prior else None
+            prior = None if weights is None else weights / weights.sum()
+            parts.append(GroupBeliefs(group, believer.belief_cell, low, p, prior))
             begin += group.size
     return sorted(parts, key=lambda belief: belief.group.number)
 

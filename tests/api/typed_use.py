@@ -9,7 +9,7 @@ class Upwind:
         self.speed = speed
 
     def act(self, robots: tp.Robots) -> None:
-        robots.speed[:] = self.speed
+        robots.speed[:] = self.speed * robots.prior(0.1).max()
 
 
 def use() -> None:

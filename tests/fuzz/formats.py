@@ -59,6 +59,9 @@ FORMATS = {
     "obj": Format("box.obj", "obj"),
     "ply": Format("box.ply", "ply"),
     "map_picture": Format("plan.pgm", "map", text=False),
+    "prior": Format("prior.npy", "prior", text=False),
+    "responses": Format("responses.csv", "responses"),
+    "response_arrays": Format("responses.npz", "response_arrays", text=False),
     "run_film": Format("fields.zarr", part="fields", checked=True, text=False),
     "run_maps": Format("maps.zarr", part="maps", checked=True, text=False),
     "run_robots": Format("robots.parquet", part="robots", checked=True, text=False),
@@ -67,6 +70,16 @@ FORMATS = {
     "run_result": Format("result.json", part="result"),
     "yaml": Format("mixture.yaml", "mixture"),
 }
+SEARCH = """duration: 2
+domain: {{size: [1, 1], spacing: 0.1}}
+wind: {{kind: synthetic}}
+gas: {{kind: eulerian, sources: [{{position: [0.3, 0.5], rate: 1 mg/s}}]}}
+robots:
+  - count: 1
+    start: {{kind: positions, positions: [[0.8, 0.8]]}}
+    algorithm: {{kind: infotaxis, {prior}}}
+    sensors: {{gas: [{{kind: mox}}, {{kind: mox, model: tgs2611}}], {classifier}}}
+"""
 WIND = "wind: {kind: imported, files: wind_%d.csv, occupancy: occupancy.csv, interval: 0.5}"
 
 
@@ -109,6 +122,7 @@ def make(folder: Path) -> None:
     )
     np.save(folder / "movie.npy", np.random.default_rng(2).random((6, 20, 30)))
     _write_movies(folder, text)
+    _write_guesses(folder)
     _write_maps(folder / "maps.zarr")
     manifest.write(folder, {}, [folder / name for name in ("robots.parquet", "fields.zarr", "maps.zarr")])
 
@@ -133,6 +147,26 @@ def _write_table(path: Path) -> None:
         **{name: rng.normal(2.0, 0.5, len(n)).astype(np.float32) for name in names},
     }
     pq.write_table(pa.table(table), path, compression="zstd", write_page_checksum=True, row_group_size=1000)
+
+
+def _write_guesses(folder: Path) -> None:
+    """A prior of the source and tables of responses to gases, a network that classifies, and what reads them."""
+    from onnx import TensorProto, helper
+
+    np.save(folder / "prior.npy", np.random.default_rng(3).random((8, 9)))
+    rows = [("ethanol", 0.2, 0.8), ("ethanol", 0.1, 0.7), ("methane", 0.9, 0.4), ("air", 1.0, 1.0)]
+    (folder / "responses.csv").write_text(
+        "gas,first,second\n" + "".join(f"{g},{a},{b}\n" for g, a, b in rows)
+    )
+    np.savez(folder / "responses.npz", gas=[row[0] for row in rows], responses=[row[1:] for row in rows])
+    ends = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["rows", 2]) for name in "xp"]
+    graph = helper.make_graph([helper.make_node("Softmax", ["x"], ["p"], axis=1)], "g", ends[:1], ends[1:])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8)
+    (folder / "gases.onnx").write_bytes(model.SerializeToString())
+    (folder / "prior.yaml").write_text(SEARCH.format(prior="prior: {file: prior.npy}", classifier=""))
+    for name, file in (("responses", "responses.csv"), ("response_arrays", "responses.npz")):
+        classifier = f"classifier: {{kind: nearest, file: {file}, follows: ethanol, neighbours: 1}}"
+        (folder / f"{name}.yaml").write_text(SEARCH.format(prior="", classifier=classifier))
 
 
 def _write_movies(folder: Path, text: str) -> None:

@@ -77,6 +77,8 @@ OTHERS = {
     "TableProfile.heights": "a list of any length",
     "TableProfile.speeds": "one per height",
     "Prism.vertices": "of two each, in any run",
+    "PriorArea.vertices": "of two each, in any run",
+    "Prior.values": "rows of any length",
     "Motion.path": "of three each, in any run",
     "StartAt.positions": "of two each, in any run",
     "RangeSensors.bearings_deg": "one per sensor",
