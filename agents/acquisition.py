@@ -22,9 +22,9 @@ MEAN = Decision("mean_ppm", "ppm", "mean reading of the last acquisition", "acqu
 class Acquisition:
     """Series of gas samples that robots take while standing still; read `mean` once an acquisition is complete.
 
-    parameters: must include the entries of `Acquisition.numbers`. With the key `lag: deconvolved` the samples are the gas
-    at the sensor, not its lagging readings: by first-order lag the signal of the gas is y + T dy/dt, y the signal, which
-    for metal oxides is the logarithm of the resistance, and T the time constant of its rise or decay.
+    parameters: must include the entries of `Acquisition.numbers`. With the key `lag: deconvolved` the samples are the
+    gas at the sensor, not its lagging readings: by first-order lag the signal of the gas is y + T dy/dt, y the signal,
+    which for metal oxides is the logarithm of the resistance, and T the time constant of its rise or decay.
     """
 
     STATE: tuple[str, ...] = ("since", "total", "last", "before")

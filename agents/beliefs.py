@@ -13,6 +13,7 @@ from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
 from taichi_plume.agents.priors import prior_weights
+from taichi_plume.agents.source_posterior import Estimate
 from taichi_plume.engine import ti
 from taichi_plume.scenario.belief_algorithms import Declares
 
@@ -33,6 +34,15 @@ class Believer(Protocol):
 
     def beliefs(self) -> np.ndarray:
         """Return the source's probability in each map cell, (robots, nx, ny); the cells of each robot sum to 1."""
+        ...
+
+
+@runtime_checkable
+class Estimator(Believer, Protocol):
+    """Protocol of search algorithms whose belief has the strengths of the sources, too."""
+
+    def estimates(self) -> list[list[Estimate]]:
+        """Return the estimated sources of each robot, the surest first."""
         ...
 
 

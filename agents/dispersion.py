@@ -39,8 +39,8 @@ class Dispersion:
     wind: velocity at the centres of the cells (nx, ny, 2) or (nx, ny, nz, 3) [m/s]. cell: edge of the cells [m]. solid:
     mask of cells without air, (nx, ny) or (nx, ny, nz). diffusivity: eddy diffusivity K [m²/s]. lifetime: T [s] after
     which gas is lost, or for which it has been released; None: for ever. depth: of a layer in 2-D [m]. open_edges:
-    whether air may cross the edges of the domain, or masks of the cells along each edge, x-, x+, y-, y+ and so on. Raises ValueError for other shapes or values, and if neither an open
-    edge nor a lifetime removes the gas.
+    whether air may cross the edges of the domain, or masks of the cells along each edge, x-, x+, y-, y+ and so on.
+    Raises ValueError for other shapes or values, and if neither an open edge nor a lifetime removes the gas.
     """
 
     def __init__(

@@ -12,8 +12,8 @@ ratio has a scaled F distribution of mean m: tails are power laws, so that neith
 it rules out a place. s is a parameter of each particle. A detection, or a count of k in n samples above a threshold,
 has the binomial law with the probability that d is above the threshold.
 
-Priors: places by a map of cells; rates log-uniform or log-normal; each further source is a quarter as probable. Errors of
-the mean wind and of the diffusivity are common to measurements that lie close together: a measurement counts
+Priors: places by a map of cells; rates log-uniform or log-normal; each further source is a quarter as probable. Errors
+of the mean wind and of the diffusivity are common to measurements that lie close together: a measurement counts
 1 / Σ_i exp(-(d_i / correlation)²), i over all measurements, at distances d_i, itself included. This weight is ours, as
 are the law's combination and the choice of moves.
 

@@ -1,4 +1,4 @@
-"""Source-term estimation: place, strength and number of the sources by a model of dispersion, and where to measure next.
+"""Source-term estimation: place, strength and number of sources by a model of dispersion, and where to measure next.
 
 ACQUIRE  stand still; the mean reading and the mean wind are a measurement, and the posterior is updated by it
 MOVE     along a free path to the next place to measure at

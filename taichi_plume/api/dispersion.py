@@ -44,7 +44,9 @@ def _recorded(run: Run) -> tuple[np.ndarray, float, np.ndarray]:
     """Return the mean recorded wind of a run (nx, ny, 2) [m/s], the edge of its cells [m] and the cells without air."""
     winds = run.winds
     late = winds.isel({winds["u_slice"].dims[0]: winds[winds["u_slice"].dims[0]].to_numpy() >= 0.0})
-    mean = np.stack([late[name].mean(late[name].dims[0]).to_numpy().T for name in ("u_slice", "v_slice")], axis=-1)
+    mean = np.stack(
+        [late[name].mean(late[name].dims[0]).to_numpy().T for name in ("u_slice", "v_slice")], axis=-1
+    )
     along = winds[winds["u_slice"].dims[-1]].to_numpy()
     no_air = ~np.isfinite(mean).all(axis=-1)
     return np.where(no_air[..., None], 0.0, mean), float(along[1] - along[0]), no_air

@@ -263,7 +263,8 @@ class SourceTerm(Listening, Declares):
     likelihood: Literal["readings", "hits", "counts"] = "readings"
     """Data of an acquisition: its mean reading, whether that is above the threshold, or the number of samples above."""
     threshold_ppm: si.SomePpm = 1.0
-    """Reading above which there is gas for `hits` and `counts`. For `readings`, the floor: smaller differences do not count."""
+    """Reading above which there is gas for `hits` and `counts`. For `readings` a floor, below which differences do not
+    count."""
     sources: Annotated[int, Field(ge=1, le=3)] = 1
     """Largest number of sources. With more than one their number is inferred, too."""
     rate: UniformRate | NormalRate = UniformRate()

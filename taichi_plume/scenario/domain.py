@@ -157,6 +157,15 @@ class Located(Model):
         )  # a puff has the time of its release
         return -np.inf if start is None else start, np.inf if stop is None else stop
 
+    @property
+    def mean_rate(self) -> float:
+        """Mean emission while the source is there [kg/s]; NaN if unknown, as of dishes, puffs and given plumes."""
+        keys = vars(self)
+        rate, puffing = keys.get("rate"), keys.get("puffing")
+        if not rate:
+            return np.nan
+        return rate if puffing is None else rate * puffing.pulse / (puffing.pulse + puffing.pause)
+
     def places(self, t: float | np.ndarray) -> np.ndarray:
         """Return the positions (..., dim) [m] at times t (...) [s]."""
         return np.broadcast_to(self.position, (*np.shape(t), len(self.position)))

@@ -271,6 +271,11 @@ class Scenario(Model):
             for _, source in self.sources
         )
 
+    @property
+    def rates(self) -> np.ndarray:
+        """Mean rates of all sources while they are there (m,) [kg/s], in the order of `sources`; NaN if unknown."""
+        return np.array([source.mean_rate for _, source in self.sources], float)
+
     def targets_at(self, t: float | np.ndarray) -> np.ndarray:
         """Return positions like `sources_at`, with NaN also for the sources of gases that are not searched for."""
         searched = np.array([gas.searched for _, gas in self.gases for _ in gas.sources], bool)

@@ -11,15 +11,19 @@ Algorithms that implement `agents.beliefs.Believer` are scored. Per trial, the m
 Sources count where they are at the time. The distances and the probability are NaN while there is no source.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
-from taichi_plume.agents.beliefs import Believer
+from taichi_plume.agents.beliefs import Believer, Estimator
 from taichi_plume.agents.groups import GroupRange
+from taichi_plume.agents.source_posterior import Estimate
 from taichi_plume.grid.series import Series
 from taichi_plume.scoring import trials as scores
 from taichi_plume.scoring.declarations import OF_BELIEFS, Json
+from taichi_plume.scoring.trials import mean_of_known
 from taichi_plume.time_loop import Every, TimeLoop
 
 
@@ -88,6 +92,48 @@ def beliefs(sim: TimeLoop) -> list[GroupBeliefs]:
     return sorted(parts, key=lambda belief: belief.group.number)
 
 
+def estimates(sim: TimeLoop, group: GroupRange) -> list[list[Estimate]] | None:
+    """Return the estimated sources of each robot of a group; None if its algorithm estimates no sources."""
+    for believer in believers(sim):
+        if isinstance(believer, Estimator):
+            begin = 0
+            for other in believer.members.groups:
+                if other.number == group.number:
+                    return believer.estimates()[begin : begin + group.size]
+                begin += other.size
+    return None
+
+
+def estimate_scores(terms: Sequence[Estimate], places: np.ndarray, rates: np.ndarray) -> dict[str, float]:
+    """Return scores of a robot's estimates against the true sources: places (m, 2) [m] and rates (m,) [kg/s].
+
+    Estimates and sources are matched so that the sum of their distances is smallest (optimal assignment).
+    place_error_m: mean distance of the pairs; log_error: mean of |ln(q / q_true)|; coverage: fraction of the true rates
+    within the intervals of 90 %; missing: true sources less estimates. NaN without pairs or without known rates.
+    """
+    apart = np.linalg.norm(np.array([each.place for each in terms]).reshape(-1, 1, 2) - places, axis=-1)
+    rows, columns = linear_sum_assignment(apart)
+    pairs = [(terms[k], rates[m]) for k, m in zip(rows, columns, strict=True) if rates[m] > 0.0]
+    return {
+        "place_error_m": mean_of_known(apart[rows, columns]),
+        "log_error": mean_of_known(np.array([abs(np.log(term.rate / rate)) for term, rate in pairs])),
+        "coverage": mean_of_known(np.array([float(term.low <= rate <= term.high) for term, rate in pairs])),
+        "missing": float(len(places) - len(terms)),
+    }
+
+
+def _as_json(term: Estimate) -> Json:
+    return {
+        "x": float(term.place[0]),
+        "y": float(term.place[1]),
+        "spread_m": term.spread,
+        "rate_kg_s": term.rate,
+        "rate_low_kg_s": term.low,
+        "rate_high_kg_s": term.high,
+        "probability": term.probability,
+    }
+
+
 class BeliefScores:
     """Recorder of the belief scores of a run over time. Add `observer()` to the simulation's observers.
 
@@ -114,6 +160,21 @@ class BeliefScores:
             rows = [values.mean(axis=1) for _, values in self.now(sim)]
             self.rows.append((sim.t, np.ravel(rows)))
 
+    def _source_terms(self, sim: TimeLoop, belief: GroupBeliefs) -> Json:
+        """Return the estimated sources of each robot, and their scores; nothing for beliefs of the place alone."""
+        terms = estimates(sim, belief.group)
+        if terms is None:
+            return {}
+        places, rates = sim.scenario.targets_at(sim.t)[:, :2], sim.scenario.rates
+        there = np.isfinite(places[:, 0])
+        scored = [estimate_scores(each, places[there], rates[there]) for each in terms]
+        names = scored[0]
+        return {
+            "sources": [[_as_json(source) for source in each] for each in terms],
+            "source_scores": {name: mean_of_known(np.array([s[name] for s in scored])) for name in names},
+            "source_scores_per_robot": {name: [s[name] for s in scored] for name in names},
+        }
+
     def entries(self, sim: TimeLoop) -> list[Json]:
         """Return an entry per group for result.json: mean scores, scores of each trial, and means over time."""
         rows = []
@@ -125,6 +186,7 @@ class BeliefScores:
                     "algorithm": belief.group.model.algorithm.kind,
                     "cell_m": belief.cell,
                     **dict(zip(OF_BELIEFS, values.mean(axis=1).tolist(), strict=True)),
+                    **self._source_terms(sim, belief),
                     "per_trial": dict(zip(OF_BELIEFS, values.tolist(), strict=True)),
                     "over_time": {
                         "time_s": self.rows.times.tolist(),

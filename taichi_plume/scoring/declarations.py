@@ -37,17 +37,22 @@ def nearest_source(places: np.ndarray, sources: np.ndarray) -> np.ndarray:
 
 
 def declared_outcomes(
-    group: "GroupRange", snapshot: Snapshot, sources_at: Callable[[np.ndarray], np.ndarray]
+    group: "GroupRange",
+    snapshot: Snapshot,
+    sources_at: Callable[[np.ndarray], np.ndarray],
+    rates: np.ndarray,
 ) -> Json:
     """Return the outcome of each trial of a group, as columns.
 
-    sources_at: function from times (...) [s] to the sources' positions (..., m, dim) [m].
+    sources_at: function from times (...) [s] to the sources' positions (..., m, dim) [m]. rates: of the sources, (m,)
+    [kg/s], NaN if unknown.
 
     outcome: one of OUTCOMES, "declared" if both hold. A trial's declaration is the first right one of its team or,
     without a right one, the last: declared_time_s, since the group set off; localisation_error_m: from the declared
     position to the nearest source at that time; NaN without a declaration. declarations, false_declarations: of all
     robots, NaN if the group's algorithm never declares. reached_time_s: when the first robot came within reach of a
-    source, or NaN.
+    source, or NaN. Of algorithms that estimate strengths also strength_error: |ln(q / q_true)| of the nearest source,
+    0.69 for a factor of 2; and strength_covered: 1 if the interval of 90 % holds the true rate, else 0.
     """
 
     def table(name: str) -> np.ndarray:
@@ -68,6 +73,20 @@ def declared_outcomes(
         total = values.sum(axis=1)
         return total.tolist() if speaks else [float("nan")] * len(total)
 
+    def strength() -> Json:
+        if not group.model.algorithm.estimates_rates:
+            return {}
+        place = table("declared_position")[judged]
+        apart = np.linalg.norm(place[:, None] - sources_at(time[judged])[..., :2], axis=-1)
+        true = rates[np.nan_to_num(apart, nan=np.inf).argmin(axis=1)] if len(rates) else np.nan
+        rate, low, high = table("declared_rate")[judged].T
+        known = any_declared & (true > 0.0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            error = np.abs(np.log(rate / true))
+        covered = ((low <= true) & (true <= high)).astype(float)
+        values = {"strength_error": error, "strength_covered": covered}
+        return {name: np.where(known, value, np.nan).tolist() for name, value in values.items()}
+
     begin = group.model.begin
     return {
         "outcome": np.where(rightly, DECLARED, np.where(np.isfinite(reached), REACHED, NEITHER)).tolist(),
@@ -76,6 +95,7 @@ def declared_outcomes(
         "declarations": counted(declarations),
         "false_declarations": counted(false),
         "reached_time_s": np.where(np.isfinite(reached), reached - begin, np.nan).tolist(),
+        **strength(),
     }
 
 

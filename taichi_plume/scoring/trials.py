@@ -248,7 +248,7 @@ def trial_outcomes(sim: TimeLoop, group: GroupRange, snapshot: Snapshot) -> Json
         "team_path_m": path.sum(axis=1).tolist(),
         **{name: table(name).sum(axis=1).tolist() for name in SUMS if name in snapshot},
         "final_distance_m": ended.min(axis=1).tolist(),
-        **declared_outcomes(group, snapshot, sim.scenario.targets_at),
+        **declared_outcomes(group, snapshot, sim.scenario.targets_at, sim.scenario.rates),
     }
 
 

@@ -41,7 +41,9 @@ def readings(places, sources, rng, shape=1.0):
 def posterior(seed=1, prior=None, rates=RATES, **keys):
     prior = np.ones(SHAPE) if prior is None else prior
     rng = np.random.default_rng(seed)
-    return SourcePosterior(prior, np.zeros(2), CELL, rates, rng, **{"floor": FLOOR, "correlation": 1e-3} | keys)
+    return SourcePosterior(
+        prior, np.zeros(2), CELL, rates, rng, **{"floor": FLOOR, "correlation": 1e-3} | keys
+    )
 
 
 @pytest.mark.parametrize("shape", [0.3, 1.0, 5.0])
@@ -101,7 +103,9 @@ def test_intervals_cover_what_they_state():
         rng = np.random.default_rng(seed)
         place, rate = rng.uniform((0, 0), np.array(SHAPE) * CELL), np.exp(rng.uniform(*np.log([1e-7, 1e-4])))
         at = rng.uniform((0.1, 0.1), (4.7, 3.1), (15, 2))
-        reading, response = readings(at, [(place, rate)], rng, np.exp(rng.normal(0.0, source_posterior.SHAPE_SPREAD)))
+        reading, response = readings(
+            at, [(place, rate)], rng, np.exp(rng.normal(0.0, source_posterior.SHAPE_SPREAD))
+        )
         believed = posterior(seed, particles=400)
         believed.learn(at, reading, response)
         (best,) = believed.estimates()

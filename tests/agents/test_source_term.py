@@ -2,12 +2,8 @@
 
 import numpy as np
 import pytest
-from robots import group
 
-from taichi_plume.agents.acquisition import Acquisition
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.grid.state import State
-from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.scenario.scenario import Scenario
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -25,7 +21,8 @@ def scenario(algorithm=None, dim=2, **changes):
         "trials": 1,
         "start": {"kind": "positions", "positions": [[4.4, 0.8]], "heading_deg": 90},
         "found": "declared",
-        "algorithm": {"kind": "source_term", "threshold_ppm": 1, "acquisition": 2, "particles": 300} | (algorithm or {}),
+        "algorithm": {"kind": "source_term", "threshold_ppm": 1, "acquisition": 2, "particles": 300}
+        | (algorithm or {}),
         "sensors": {"gas": {"kind": "ideal", "height": 0.4 if dim == 3 else 0.1}},
     }
     return {
