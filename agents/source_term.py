@@ -53,6 +53,7 @@ from taichi_plume.engine import ti
 from taichi_plume.grid.grid import centers
 from taichi_plume.scenario.belief_algorithms import NormalRate
 from taichi_plume.scenario.belief_algorithms import SourceTerm as Model
+from taichi_plume.scenario.loading import ScenarioError
 
 ACQUIRE, MOVE = range(2)
 
@@ -92,6 +93,7 @@ class SourceTerm(KernelAlgorithm):
         swarm, (group,) = self.swarm, self.members.groups
         self.group, self.clearance, self.room = group, swarm.clearance, swarm.room
         self.nose, self.species = group.model.sensors.noses[0], swarm.room.species
+        self._require_response()
         self.potential = Potential(self.members, self.p)
         self.acquisition = Counting(self.members, self.p)
         self.declaring = Declaring(self.members, self.p)
@@ -145,6 +147,20 @@ class SourceTerm(KernelAlgorithm):
             )
             for n in range(self.size)
         ]
+
+    def _require_response(self) -> None:
+        """Raise ScenarioError if the robot's sensor does not give the concentration of the gas at a point."""
+        where = f"robots[{self.group.number}].sensors.gas"
+        if self.species is None:
+            raise ScenarioError([f"{where}: there is no gas with a source, which source_term needs"])
+        if self.nose.law == "line":
+            raise ScenarioError(
+                [f"{where}.kind: a laser reads along its beam; source_term needs a reading at a point"]
+            )
+        if not self.nose.reads(self.species.name, 1.0) > 0.0:
+            raise ScenarioError(
+                [f"{where}: does not respond to {self.species.name}, which source_term is to find"]
+            )
 
     def numbers(self, group: GroupRange, model: Model) -> Numbers:
         return {

@@ -291,6 +291,12 @@ class SourceTerm(Listening, Declares):
     """Distance kept to walls and other robots."""
     least_spread: ClassVar[float] = 0.0
 
+    @consistency_check
+    def _orders_diffusivity(self) -> Iterator[str]:
+        low, high = self.diffusivity
+        if low > high:
+            yield f"diffusivity: its lower limit {low:g} is above the upper one {high:g} m^2/s; exchange them"
+
     @property
     def road_cell(self) -> float:
         """Edge of the cells between which the robot plans its way [m]."""
