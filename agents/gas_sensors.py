@@ -195,8 +195,7 @@ class GasSensors:
         """Return the reading of sensor n in clean air, without noise, drift and room climate."""
         ppm = self.law.ppm(n, self.law.resistance(n, self.law.response(n, self.clean(n))))
         if ti.static(self.relative):
-            if self.p.gives[n] > 0:
-                ppm = 0.0
+            ppm = ti.select(self.p.gives[n] > 0, 0.0, ppm)
         return ppm
 
     @ti.func
