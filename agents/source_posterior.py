@@ -31,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import betainc, betaln, digamma
 
-MODEL_SHAPE = 2.0  # m0: factors of about 2 between a model's mean and the true one
+MODEL_SHAPE = 4.0  # m0: a factor of 1.7 between a model's mean and the true one, as standard deviation
 MODEL_SCALE = float(np.exp(digamma(MODEL_SHAPE)))  # makes the geometric mean of the factors 1
 SHAPE_MEAN, SHAPE_SPREAD = 0.0, 0.7  # of ln s, normal
 SWEEPS = 2  # of Metropolis steps after a resampling
@@ -47,23 +47,23 @@ INTERVAL = (0.05, 0.95)  # quantiles of strengths
 class Rates(NamedTuple):
     """Prior of the rate of a source: log-uniform between low and high [kg/s], or log-normal about a median.
 
-    median, factor: median [kg/s] and factor of a standard deviation, None for log-uniform.
+    median, factor: median [kg/s], None for log-uniform, and factor of a standard deviation.
     """
 
     low: float
     high: float
     median: float | None = None
-    factor: float | None = None
+    factor: float = 1.0
 
     def draw(self, rng: np.random.Generator, size: tuple[int, ...]) -> np.ndarray:
         """Return logarithms of random rates."""
-        if self.median is not None and self.factor is not None:
+        if self.median is not None:
             return np.log(self.median) + np.log(self.factor) * rng.normal(size=size)
         return rng.uniform(np.log(self.low), np.log(self.high), size)
 
     def log_density(self, log_rate: np.ndarray) -> np.ndarray:
         """Return the logarithm of the prior density of logarithms of rates, up to a constant."""
-        if self.median is not None and self.factor is not None:
+        if self.median is not None:
             return -0.5 * ((log_rate - np.log(self.median)) / np.log(self.factor)) ** 2
         inside = (log_rate >= np.log(self.low)) & (log_rate <= np.log(self.high))
         return np.where(inside, 0.0, -np.inf)
@@ -153,7 +153,7 @@ class SourcePosterior:
         most: int = 1,
         floor: float = 1.0,
         threshold: float | None = None,
-        correlation: float = 0.5,
+        correlation: float = 0.25,
         models: int = 1,
     ):
         self.cells, self.low, self.cell = prior.shape, np.asarray(low, float), cell

@@ -51,7 +51,6 @@ from taichi_plume.agents.way_points import WayPoints
 from taichi_plume.agents.wind_map import wind_field
 from taichi_plume.engine import ti
 from taichi_plume.grid.grid import centers
-from taichi_plume.scenario.belief_algorithms import NormalRate
 from taichi_plume.scenario.belief_algorithms import SourceTerm as Model
 from taichi_plume.scenario.loading import ScenarioError
 
@@ -127,9 +126,8 @@ class SourceTerm(KernelAlgorithm):
         self.source_layer = self._layer_at(height)
         # place (2) [m], wind (2) [m/s] and reading [ppm] of each measurement of each robot
         self.measured = [np.zeros((0, 5)) for _ in range(self.size)]
-        rate = model.rate
-        known = (rate.median, rate.factor) if isinstance(rate, NormalRate) else (None, None)
-        rates = Rates(*((0.0, np.inf) if isinstance(rate, NormalRate) else (rate.low, rate.high)), *known)
+        prior = model.rate
+        rates = Rates(prior.low, prior.high, prior.median, prior.factor)
         rngs = group.generators(swarm.seed, "source terms")
         self.posteriors = [
             SourcePosterior(

@@ -224,27 +224,27 @@ class HitMap(Listening, Declares):
 SomeDiffusivity = Annotated[si.EddyDiffusivity, Field(ge=1e-6)]
 
 
-class UniformRate(Model):
-    """A strength of which only the order is known: log-uniform between two limits."""
+class RatePrior(Model):
+    """Prior of the strength of a source: log-uniform between `low` and `high`, or log-normal about a `median`."""
 
     low: Annotated[si.Rate, Field(gt=0)] = 1e-7
     """Smallest possible rate of a source."""
     high: Annotated[si.Rate, Field(gt=0)] = 1e-3
     """Largest possible rate of a source."""
+    median: Annotated[si.Rate, Field(gt=0)] | None = None
+    """Most likely rate of a source, instead of `low` and `high`."""
+    factor: Annotated[float, Field(ge=1.01, le=1e6)] = 3.0
+    """Factor by which the rate is off its median: with 3, two of three rates lie between a third and thrice of it."""
 
     @consistency_check
-    def _has_width(self) -> Iterator[str]:
-        if self.low >= self.high:
+    def _single_form(self) -> Iterator[str]:
+        limits = self.model_fields_set & {"low", "high"}
+        if self.median is not None and limits:
+            yield f"{min(limits)}: is not for a median; remove it, or median"
+        elif self.median is None and "factor" in self.model_fields_set:
+            yield "factor: needs a median; give it, or remove factor"
+        elif self.low >= self.high:
             yield f"low = {self.low:g} kg/s must be below high = {self.high:g} kg/s"
-
-
-class NormalRate(Model):
-    """A strength that is known up to a factor: log-normal."""
-
-    median: Annotated[si.Rate, Field(gt=0)]
-    """Most likely rate of a source."""
-    factor: Annotated[float, Field(ge=1.01, le=1e6)] = 3.0
-    """Factor by which the rate is off: with 3, two of three rates lie between a third and thrice the median."""
 
 
 class SourceTerm(Listening, Declares):
@@ -267,7 +267,7 @@ class SourceTerm(Listening, Declares):
     count."""
     sources: Annotated[int, Field(ge=1, le=3)] = 1
     """Largest number of sources. With more than one their number is inferred, too."""
-    rate: UniformRate | NormalRate = UniformRate()
+    rate: RatePrior = RatePrior()
     """Prior of the strength of a source: limits `low` and `high`, or a `median` and its `factor`."""
     source_height: si.Distance | None = None
     """Height of the sources over the floor; 3-D only. Unless given, that of the gas sensor."""
@@ -280,7 +280,7 @@ class SourceTerm(Listening, Declares):
     lifetime: si.Duration = 300.0
     """Time for which gas stays in the room, in the model of the robot. In rooms without an outlet, about the time since
     the release."""
-    correlation: si.Length = 0.4
+    correlation: si.Length = 0.25
     """Distance over which errors of the model are alike: measurements closer together count less."""
     range: si.Length = 2.0
     """Longest distance to the next place to measure at."""
