@@ -290,6 +290,8 @@ class SourceTerm(Listening, Declares):
     avoidance: si.Distance = 0.1
     """Distance kept to walls and other robots."""
     least_spread: ClassVar[float] = 0.0
+    declare_spread: si.Length | None = 0.25
+    """Spread of the belief in the surest source below which a robot declares it. null: the robot never declares."""
 
     @consistency_check
     def _orders_diffusivity(self) -> Iterator[str]:

@@ -1,0 +1,108 @@
+"""Place and strength of a source in the rooms of the contest, beside the searches whose belief has the place alone.
+
+All searches are rivals in the same airs, each with a sensor that follows in a second and with one of 5 s up and 20 s
+down. A search ends with its first declaration, or after 300 s without. A declaration is right within RIGHT of a source.
+A strength is right within a factor of 2, and its interval of 90 % should hold the true rate in 85 to 95 % of searches.
+
+Wanted, written down before the runs, over all six rooms with 24 airs each: the intervals of the strength hold the truth
+in 85 to 95 %; three of four strengths are right; and right declarations are at least as frequent as with the best of
+the other searches, with either sensor.
+"""
+
+from functools import cache, partial
+from importlib.resources import files
+
+import numpy as np
+import yaml
+
+from taichi_plume.assembly.assemble import assemble
+from taichi_plume.scoring.beliefs import estimates
+from taichi_plume.validation.case import Keys
+from taichi_plume.validation.experiment import Condition, Experiment, Range, Results, over_airs
+from taichi_plume.validation.searches import afresh, outcomes, scenario_of
+
+ROOMS = ("open_2d", "obstacles", "closed_room", "meandering", "two_sources", "open_3d")
+AIRS, DURATION, RIGHT = 24, 300.0, 0.3  # s; m
+SENSORS: dict[str, Keys] = {
+    "fast": {"rise_time": 0.5, "decay_time": 1.0},
+    "slow": {"rise_time": 5.0, "decay_time": 20.0},
+}
+SEARCHES: dict[str, Keys] = {
+    "source_term": {"kind": "source_term"},
+    "infotaxis": {"kind": "infotaxis"},
+    "infotaxis, deconvolved": {"kind": "infotaxis", "lag": "deconvolved"},
+    "hit_map": {"kind": "hit_map"},
+    "hit_map, deconvolved": {"kind": "hit_map", "lag": "deconvolved"},
+    "particle_filter": {"kind": "particle_filter"},
+}
+OURS = "source_term"
+BEFORE = ("infotaxis", "hit_map", "particle_filter")
+
+
+def scene(room: str, air: int) -> Keys:
+    """Return the scenario of a room and an air, with a group for each search and sensor."""
+    text = files("taichi_plume.contests").joinpath("scenarios", f"{room}.yaml").read_text(encoding="utf-8")
+    data = yaml.safe_load(text)
+    (searcher,) = data["robots"]
+    facts = {key: value for key, value in searcher["algorithm"].items() if key != "kind"}
+
+    def group(name: str, search: Keys, sensor: str) -> Keys:
+        known = facts if search["kind"] in ("infotaxis", "space_aware_infotaxis") else {"threshold_ppm": facts["threshold_ppm"]}
+        sensors = searcher["sensors"] | {"gas": searcher["sensors"]["gas"] | SENSORS[sensor]}
+        return searcher | {
+            "name": f"{name}, {sensor}",
+            "trials": 1,
+            "found": "declared",
+            "reach": RIGHT,
+            "algorithm": known | search,
+            "sensors": sensors,
+        }
+
+    robots = [group(name, search, sensor) for sensor in SENSORS for name, search in SEARCHES.items()]
+    return data | {"seed": 1000 + air, "duration": DURATION, "rivals": True, "robots": robots}
+
+
+@cache
+def searched(room: str, air: int) -> dict[str, dict[str, float]]:
+    """Return by search and sensor whether it declared rightly or wrongly, when, and how the strength was estimated."""
+    afresh()
+    sim = assemble(scenario_of(scene(room, air)))
+    sim.run()
+    places, rates = sim.scenario.targets_at(sim.t)[:, :2], sim.scenario.rates
+    found = {}
+    for name, columns in outcomes(sim).items():
+        right = columns["outcome"][0] == "declared"
+        spoke = columns["declarations"][0] > 0
+        time = columns["declared_time_s"][0] if right else DURATION
+        found[name] = {"right": float(right), "wrong": float(spoke and not right), "time": time}
+        group = next(each for each in sim.swarm.groups if each.name == name)
+        terms = estimates(sim, group)
+        if terms is not None:
+            best = terms[0][0]
+            true = rates[np.linalg.norm(places - best.place, axis=1).argmin()]
+            found[name] |= {
+                "place": float(np.linalg.norm(places - best.place, axis=1).min()),
+                "strength": float(abs(np.log(best.rate / true)) <= np.log(2.0)),
+                "covered": float(best.low <= true <= best.high),
+                "declared": float(spoke),
+            }
+    return found
+
+
+def compared(trials: int, rooms: tuple[str, ...]) -> Results:
+    """Return shares of right and wrong declarations, times, and right and covered strengths, over airs."""
+    keys = [(room, air) for room in rooms for air in range(max(1, trials))]
+    runs = [searched(room, air) for room, air in keys]
+    of = np.arange(len(runs))
+    results: dict = {}
+    for sensor in SENSORS:
+        for name in SEARCHES:
+            each = {what: np.array([run[f"{name}, {sensor}"].get(what, np.nan) for run in runs]) for what in
+                    ("right", "wrong", "time", "place", "strength", "covered")}  # fmt: skip
+            for what, share in (("right", True), ("wrong", True), ("time", False)):
+                results[f"{what}, {sensor}: {name}"] = over_airs(each[what], of, share)
+            if name == OURS:
+                results[f"strength within a factor of 2, {sensor}"] = over_airs(each["strength"], of, True)
+                results[f"strength in its interval of 90 %, {sensor}"] = over_airs(each["covered"], of, True)
+                results[f"error of the place [m], {sensor}"] = over_airs(each["place"], of)
+    return results
