@@ -1,5 +1,7 @@
 """Acquisitions: series of gas readings that a robot samples while it stands still."""
 
+from typing import cast
+
 import numpy as np
 
 from taichi_plume.agents.decisions import Decision
@@ -41,7 +43,7 @@ class Acquisition:
     @staticmethod
     def numbers(group: GroupRange, tick: float, least: int = 1) -> Numbers:
         """Return kernel parameters of acquisitions; tick: control period [s]; least: smallest number of samples."""
-        model: Listening = group.model.algorithm
+        model = cast(Listening, group.model.algorithm)
         between = ticks_between(model, tick)
         samples = max(least, round(model.acquisition / (between * tick)))
         nose = group.model.sensors.noses[0]

@@ -23,10 +23,11 @@ closed edges stay without flow. Open edges are those that the wind crosses, unle
 from collections.abc import Callable, Sequence
 from copy import copy
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import LinearOperator, gmres, spilu, splu
+from scipy.sparse.linalg import LinearOperator, SuperLU, gmres, spilu, splu
 
 MOST_DIRECT = 40_000  # cells in 3-D for a direct factorisation, which fills; in 2-D ten times as many
 TOLERANCE = 1e-10  # relative residual of iterations
@@ -243,8 +244,9 @@ def _solver(matrix: sparse.csc_array, dim: int) -> _Solver:
     It is a factorisation of A or, for many cells, GMRES with an incomplete factorisation. Raises ValueError if the
     iterations do not converge.
     """
-    if matrix.shape[0] <= (MOST_DIRECT if dim == 3 else 10 * MOST_DIRECT):
-        factors = splu(
+    size, _ = cast(tuple[int, int], matrix.shape)
+    if size <= (MOST_DIRECT if dim == 3 else 10 * MOST_DIRECT):
+        factors: SuperLU = splu(
             matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
         )
         return lambda right, trans: factors.solve(np.ascontiguousarray(right), trans)

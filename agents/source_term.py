@@ -110,9 +110,10 @@ class SourceTerm(KernelAlgorithm):
         )  # median and interval of the surest source [kg/s]
         self.diffusivities = np.geomspace(*model.diffusivity, MODELS)
         self.pause, self.speed = model.settle + model.acquisition, group.speed(model.speed)
-        self.ends_at = Declaring.numbers(model, group)["ends_at"]
+        self.ends_at = self.p.largest("ends_at")
         self.samples = int(self.p.largest("samples")) if model.likelihood == "counts" else 1
         self.per_rate = self.species.ppm_per_density
+        self.steady = np.array([self.nose.reads(self.species.name, ppm) for ppm in SCALE])
         self.ways = self.roads.length.to_numpy()  # m
         self.road_places = centers(self.roads.shape, self.roads.cell).reshape(-1, 2) + np.array(
             self.roads.low
@@ -190,13 +191,13 @@ class SourceTerm(KernelAlgorithm):
         if len(due):
             place = self.swarm.believed_position.values[self.group.slice]
             wind, reading = self.felt.values, self.reading.values
-            for n in due:
+            for n in due.tolist():
                 for m in self._receivers(n, tick):
                     new = np.array([*place[n], *wind[n], self._datum(reading[n])])
                     self.measured[m] = np.concatenate([self.measured[m], [new]])
             goal = np.full(self.size, -1, np.int32)
             best, spread = np.zeros((self.size, 2), np.float32), np.full(self.size, np.inf, np.float32)
-            for n in due:
+            for n in due.tolist():
                 best[n], spread[n], goal[n] = self._infer(n, place[n])
             self._conclude(t, goal, best, spread, self.rate)
 
@@ -252,7 +253,7 @@ class SourceTerm(KernelAlgorithm):
     def _datum(self, reading: float) -> float:
         """Return the measurement that the likelihood takes: gas [ppm], 1 for a hit and 0 for a miss, or a count."""
         if self.model.likelihood == "readings":
-            return float(self._ppm(reading))
+            return float(np.interp(reading, self.steady, SCALE))
         return (
             float(reading >= self.model.threshold_ppm) if self.model.likelihood == "hits" else float(reading)
         )
@@ -410,7 +411,7 @@ class SourceTerm(KernelAlgorithm):
         """Return the weights of the cells in a reading at a point (2,) [m]."""
         weights = np.zeros(self.solid.shape)
         inside = np.clip(place - self.belief_low, 0.0, self.belief_cell * np.array(self.cells))
-        self._layer(weights, self.sensor_layer)[...] = self.flat.at(inside)
+        self._layer(weights, self.sensor_layer)[...] = self.flat.at(inside.tolist())
         return weights
 
     def _prior(self, start: np.ndarray) -> np.ndarray:
@@ -422,7 +423,3 @@ class SourceTerm(KernelAlgorithm):
         weights = ((regions == here) if here else air) * prior_weights(self.members, self.belief_cell)
         require_prior(self.members, weights[None])
         return weights
-
-    def _ppm(self, reading: np.ndarray) -> np.ndarray:
-        """Return the concentration [ppm] of the gas whose steady reading this is."""
-        return np.interp(reading, self.nose.reads(self.species.name, SCALE), SCALE)

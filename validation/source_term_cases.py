@@ -9,7 +9,7 @@ in 85 to 95 %; three of four strengths are right; and right declarations are at 
 the other searches, with either sensor.
 """
 
-from functools import cache, partial
+from functools import cache
 from importlib.resources import files
 
 import numpy as np
@@ -18,7 +18,7 @@ import yaml
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.scoring.beliefs import estimates
 from taichi_plume.validation.case import Keys
-from taichi_plume.validation.experiment import Condition, Experiment, Range, Results, over_airs
+from taichi_plume.validation.experiment import Results, over_airs
 from taichi_plume.validation.searches import afresh, outcomes, scenario_of
 
 ROOMS = ("open_2d", "obstacles", "closed_room", "meandering", "two_sources", "open_3d")
@@ -47,7 +47,7 @@ def scene(room: str, air: int) -> Keys:
     facts = {key: value for key, value in searcher["algorithm"].items() if key != "kind"}
 
     def group(name: str, search: Keys, sensor: str) -> Keys:
-        known = facts if search["kind"] in ("infotaxis", "space_aware_infotaxis") else {"threshold_ppm": facts["threshold_ppm"]}
+        known = facts if search["kind"] == "infotaxis" else {"threshold_ppm": facts["threshold_ppm"]}
         sensors = searcher["sensors"] | {"gas": searcher["sensors"]["gas"] | SENSORS[sensor]}
         return searcher | {
             "name": f"{name}, {sensor}",

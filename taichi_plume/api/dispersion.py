@@ -43,10 +43,8 @@ def dispersion(
 def _recorded(run: Run) -> tuple[np.ndarray, float, np.ndarray]:
     """Return the mean recorded wind of a run (nx, ny, 2) [m/s], the edge of its cells [m] and the cells without air."""
     winds = run.winds
-    late = winds.isel({winds["u_slice"].dims[0]: winds[winds["u_slice"].dims[0]].to_numpy() >= 0.0})
-    mean = np.stack(
-        [late[name].mean(late[name].dims[0]).to_numpy().T for name in ("u_slice", "v_slice")], axis=-1
-    )
-    along = winds[winds["u_slice"].dims[-1]].to_numpy()
-    no_air = ~np.isfinite(mean).all(axis=-1)
-    return np.where(no_air[..., None], 0.0, mean), float(along[1] - along[0]), no_air
+    parts = [winds[name].to_numpy() for name in ("u_slice", "v_slice")]  # (times, y, x)
+    t, x = (winds[winds["u_slice"].dims[k]].to_numpy() for k in (0, -1))
+    mean = np.stack([part[t >= 0.0].mean(axis=0).T for part in parts], axis=-1)
+    no_air = np.asarray(~np.isfinite(mean).all(axis=-1))
+    return np.where(no_air[..., None], 0.0, mean), float(x[1] - x[0]), no_air

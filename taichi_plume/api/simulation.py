@@ -174,8 +174,9 @@ class Simulation:
         """Give keys other values while the simulation runs, such as ``{"gas.sources.0.rate": "20 mg/s"}``.
 
         Air, gas and robots stay as they are; the new values hold from now on. Kinds, counts, the shape of the room, and
-        keys that act at the start alone cannot be changed: `seed`, `air_seed`, `warm_up`, and each `start` and
-        `initial`; use `reset` for these. Parameters of an `Own` class can change if it has the methods state() and
+        keys that act at the start alone cannot be changed: `seed`, `air_seed`, `warm_up`, and each `start`,
+        `initial` and `prior` (`values`, `areas`, `rest`, `resolution`, `origin`), and of classifiers `neighbours` and
+        `classes`; use `reset` for these. Parameters of an `Own` class can change if it has the methods state() and
         restore(state). Raises TurnError, see `step`, and ScenarioError; the simulation then stays as it was.
         """
         loop, old = self.loop, self.scenario

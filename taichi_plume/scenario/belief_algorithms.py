@@ -221,17 +221,18 @@ class HitMap(Listening, Declares):
             yield f"hit = {self.hit:g} must be above false_alarm = {self.false_alarm:g}"
 
 
+SomeRate = Annotated[si.Rate, Field(ge=1e-15)]
 SomeDiffusivity = Annotated[si.EddyDiffusivity, Field(ge=1e-6)]
 
 
 class RatePrior(Model):
     """Prior of the strength of a source: log-uniform between `low` and `high`, or log-normal about a `median`."""
 
-    low: Annotated[si.Rate, Field(gt=0)] = 1e-7
+    low: SomeRate = 1e-7
     """Smallest possible rate of a source."""
-    high: Annotated[si.Rate, Field(gt=0)] = 1e-3
+    high: SomeRate = 1e-3
     """Largest possible rate of a source."""
-    median: Annotated[si.Rate, Field(gt=0)] | None = None
+    median: SomeRate | None = None
     """Most likely rate of a source, instead of `low` and `high`."""
     factor: Annotated[float, Field(ge=1.01, le=1e6)] = 3.0
     """Factor by which the rate is off its median: with 3, two of three rates lie between a third and thrice of it."""

@@ -1,5 +1,7 @@
 """Posterior of source terms: likelihoods, the prior without data, a grid as reference, coverage, several sources."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -38,12 +40,10 @@ def readings(places, sources, rng, shape=1.0):
     return law(mean, shape).rvs(random_state=rng) - FLOOR, response
 
 
-def posterior(seed=1, prior=None, rates=RATES, **keys):
+def posterior(seed=1, prior=None, rates=RATES, **keys: Any):
     prior = np.ones(SHAPE) if prior is None else prior
-    rng = np.random.default_rng(seed)
-    return SourcePosterior(
-        prior, np.zeros(2), CELL, rates, rng, **{"floor": FLOOR, "correlation": 1e-3} | keys
-    )
+    usual: dict[str, Any] = {"floor": FLOOR, "correlation": 1e-3}
+    return SourcePosterior(prior, np.zeros(2), CELL, rates, np.random.default_rng(seed), **(usual | keys))
 
 
 @pytest.mark.parametrize("shape", [0.3, 1.0, 5.0])
