@@ -185,6 +185,8 @@ class HitMap(Listening, Declares):
     most_cells: ClassVar[int] = 2_500  # the map keeps the path from each cell to each
     kind: Literal["hit_map"]
     acquisition: si.Wait = 3.0
+    lag: Literal["ignored", "deconvolved"] = "deconvolved"
+    """Whether a hit is judged by the mean reading, or by the mean gas that the lagging sensor met."""
     threshold_ppm: si.SomePpm = 5.0
     """Mean reading of an acquisition that counts as a hit."""
     cell: si.Length = 0.2
@@ -261,6 +263,7 @@ class SourceTerm(Listening, Declares):
     kind: Literal["source_term"]
     acquisition: si.Wait = 5.0
     lag: Literal["ignored", "deconvolved"] = "deconvolved"
+    """Whether a reading counts as the sensor gives it, or as the gas that the lagging sensor met."""
     likelihood: Literal["readings", "hits", "counts"] = "readings"
     """Data of an acquisition: its mean reading, whether that is above the threshold, or the number of samples above."""
     threshold_ppm: si.SomePpm = 1.0

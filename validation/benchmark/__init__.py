@@ -1,1 +1,1 @@
-"""Benchmarks of speed: whole steps, the pressure alone, puffs, robots, trials, maps, and the start of a run."""
+"""Benchmarks of speed: whole steps, pressure, puffs, robots, trials, maps, dispersion, and the start of a run."""

@@ -23,7 +23,17 @@ from typing import Any
 
 from taichi_plume.guard.terminal import Parser, say
 from taichi_plume.validation.arena import ARENA, arena
-from taichi_plume.validation.benchmark import clock, envs, maps, pressure, puffs, robots, start, trials
+from taichi_plume.validation.benchmark import (
+    clock,
+    dispersion,
+    envs,
+    maps,
+    pressure,
+    puffs,
+    robots,
+    start,
+    trials,
+)
 from taichi_plume.validation.benchmark.steps import CASES, measure
 
 
@@ -53,6 +63,7 @@ OTHER_CASES: dict[str, Callable[[str], Sequence[Any]]] = {
     "robots": lambda arch: [robots.ticks("robots", arch, algorithm) for algorithm in ("casting", "spiral")],
     "spiral_trials": lambda arch: trials.spiral_trials("spiral_trials", arch),
     "maps": maps.maps,
+    "dispersion": dispersion.rooms,
 }
 
 
