@@ -128,7 +128,7 @@ class SourceTerm(KernelAlgorithm):
         # place (2) [m], wind (2) [m/s] and reading [ppm] of each measurement of each robot
         self.measured = [np.zeros((0, 5)) for _ in range(self.size)]
         prior = model.rate
-        rates = Rates(prior.low, prior.high, prior.median, prior.factor)
+        rates = Rates(*prior.limits, prior.median, prior.factor or 3.0)
         rngs = group.generators(swarm.seed, "source terms")
         self.posteriors = [
             SourcePosterior(

@@ -15,6 +15,7 @@ from taichi_plume.results.run import Run
 from taichi_plume.scoring.declarations import OF_BELIEFS
 
 NAME = "maps.zarr"
+RATES = ("rate_kg_s", "rate_low_kg_s", "rate_high_kg_s")
 WIDE, DPI, MOST = 7.2, 100, 4  # inches; maps or beliefs that are shown
 ARROWS, SLOWEST = 24, 1e-3  # arrows in a row; m/s, least end of the colours of speeds
 TALLEST, LOWEST, TITLE = 6.0, 1.4, 0.3  # inches: a map; a figure of maps; a map's title
@@ -185,3 +186,17 @@ def belief_rows(groups: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
         return "-" if value is None else f"{value:.3g}"
 
     return [(str(group["group"]), *(text(group[key]) for key in OF_BELIEFS)) for group in groups]
+
+
+def source_rows(groups: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
+    """Return a table row for each source that the first robots of a result estimated: place, rate and its interval."""
+    rows = []
+    for group in groups:
+        for robot, sources in enumerate(group.get("sources", [])[:MOST]):
+            for source in sources:
+                rate, low, high = (f"{1e6 * source[key]:.3g}" for key in RATES)
+                place = f"{source['x']:.2f}, {source['y']:.2f}"
+                chance = f"{100 * source['probability']:.0f} %"
+                row = str(robot), place, f"{source['spread_m']:.2f}", rate, f"{low} to {high}", chance
+                rows.append((str(group["group"]), *row))
+    return rows

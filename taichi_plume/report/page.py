@@ -243,6 +243,9 @@ class Parts:
         heads = ("group", "peak to source [m]", "mean to source [m]", "expected distance [m]")
         heads += ("entropy [bit]", "probability within reach")
         section.table(maps.belief_rows(results), heads, captions.BELIEF_SCORES)
+        heads = ("group", "robot", "estimated source (x, y) [m]", "spread [m]")
+        heads += ("rate [mg/s]", "90 % interval", "probability")
+        section.table(maps.source_rows(results), heads, captions.ESTIMATED_SOURCES)
         return section
 
     def balance(self) -> Section:

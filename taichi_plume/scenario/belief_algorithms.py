@@ -230,24 +230,29 @@ SomeDiffusivity = Annotated[si.EddyDiffusivity, Field(ge=1e-6)]
 class RatePrior(Model):
     """Prior of the strength of a source: log-uniform between `low` and `high`, or log-normal about a `median`."""
 
-    low: SomeRate = 1e-7
-    """Smallest possible rate of a source."""
-    high: SomeRate = 1e-3
-    """Largest possible rate of a source."""
+    low: SomeRate | None = None
+    """Smallest possible rate of a source; 0.1 mg/s unless given."""
+    high: SomeRate | None = None
+    """Largest possible rate of a source; 1 g/s unless given."""
     median: SomeRate | None = None
     """Most likely rate of a source, instead of `low` and `high`."""
-    factor: Annotated[float, Field(ge=1.01, le=1e6)] = 3.0
-    """Factor by which the rate is off its median: with 3, two of three rates lie between a third and thrice of it."""
+    factor: Annotated[float, Field(ge=1.01, le=1e6)] | None = None
+    """Factor by which the rate is off its `median`, as a standard deviation; 3 unless given."""
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Smallest and largest rate of the log-uniform prior [kg/s]."""
+        return 1e-7 if self.low is None else self.low, 1e-3 if self.high is None else self.high
 
     @consistency_check
     def _single_form(self) -> Iterator[str]:
-        limits = self.model_fields_set & {"low", "high"}
-        if self.median is not None and limits:
-            yield f"{min(limits)}: is not for a median; remove it, or median"
-        elif self.median is None and "factor" in self.model_fields_set:
+        low, high = self.limits
+        if self.median is not None and not (self.low is None and self.high is None):
+            yield f"{'high' if self.low is None else 'low'}: is not for a median; remove it, or median"
+        elif self.median is None and self.factor is not None:
             yield "factor: needs a median; give it, or remove factor"
-        elif self.low >= self.high:
-            yield f"low = {self.low:g} kg/s must be below high = {self.high:g} kg/s"
+        elif low >= high:
+            yield f"low = {low:g} kg/s must be below high = {high:g} kg/s"
 
 
 class SourceTerm(Listening, Declares):

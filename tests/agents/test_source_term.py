@@ -132,3 +132,10 @@ def test_sensor_that_does_not_respond():
     with pytest.raises(ScenarioError, match="acetone") as error:
         assemble(read_scenario(scenario(sensors={"gas": {"kind": "mox", "sensitivity": {"acetone": 0}}})))
     assert "robots[0]" in error.value.lines[0]
+
+
+@pytest.mark.parametrize("rate", [{}, {"low": "1 mg/s"}, {"median": "5 mg/s"}, {"median": "5 mg/s", "factor": 2}])
+def test_written_scenarios_are_read_again(rate):
+    """A scenario with all keys, as a run writes it, is the same."""
+    first = read_scenario(scenario(algorithm={"rate": rate}))
+    assert read_scenario(first.model_dump(mode="json")) == first
