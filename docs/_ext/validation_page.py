@@ -45,7 +45,7 @@ GROUPS = (
         "The papers omit many details, so agreement in ranking and magnitude is the target. What is reproduced, what "
         "is not, and why: [The papers again](experiments.md).",
         r"plumesim_casting|plumesim_hybrid|plumesim_figures|spiral_(gas|persons|table2|scan)|calibration_box|dapso_arena|"
-        r"infotaxis_grid|odor_mapping|mapping_scan|measure_next",
+        r"infotaxis_grid|odor_mapping|mapping_scan|measure_next|source_terms",
     ),
     (
         "Measured rooms and plumes",

@@ -71,7 +71,9 @@ BELIEF_SCORES = (
     "Means over robots and trials, at the end. Expected distance: from the believed source to the nearest true "
     "source. Probability within reach: that the believed source is within reach of a true source."
 )
-ESTIMATED_SOURCES = "Estimated sources of the first robots, over all trials, at the end. Probability: of at least so many sources."
+ESTIMATED_SOURCES = (
+    "Estimated sources of the first robots, over all trials, at the end. Probability: of at least so many sources."
+)  # fmt: skip
 BUDGET = "Mass balance: the gas that came in equals the gas in the room plus the gas that left."
 """Caption of the mass of the gas."""
 UNFINISHED = (

@@ -134,7 +134,9 @@ def test_sensor_that_does_not_respond():
     assert "robots[0]" in error.value.lines[0]
 
 
-@pytest.mark.parametrize("rate", [{}, {"low": "1 mg/s"}, {"median": "5 mg/s"}, {"median": "5 mg/s", "factor": 2}])
+@pytest.mark.parametrize(
+    "rate", [{}, {"low": "1 mg/s"}, {"median": "5 mg/s"}, {"median": "5 mg/s", "factor": 2}]
+)
 def test_written_scenarios_are_read_again(rate):
     """A scenario with all keys, as a run writes it, is the same."""
     first = read_scenario(scenario(algorithm={"rate": rate}))
