@@ -45,6 +45,7 @@ class Floor:
     [s]; obstacle_distance: function from points (..., 2) [m] to distances [m] to the next obstacle, negative inside.
     edge: function (axis, side, positions (n,) [m], cell [m]) that returns whether air passes an edge of the floor in
     cells at these positions along the edge, (n,); axis normal to the edge, side 0 or 1. None: air passes everywhere.
+    lasers: open-path gas sensors (protocol `tomography.Lasers`) of some of the robots; None without.
     """
 
     extent: tuple[float, float]
@@ -53,6 +54,7 @@ class Floor:
     tick: float
     obstacle_distance: Callable[[np.ndarray], np.ndarray] = nowhere
     edge: Callable[[int, int, np.ndarray, float], np.ndarray] | None = None
+    lasers: Any = None
 
 
 class GasMap:

@@ -159,15 +159,7 @@ class MarkovMap(MarkovField):
         count = self._information()[0]
         known = self._known(count)[trial]
         precision = self.model.lambda_observation * count[trial] + ~known
-        number = np.arange(known.size).reshape(known.shape)
-        along, across = self.links
-        i = np.concatenate([number[:-1][along], number[:, :-1][across]])
-        j = np.concatenate([number[1:][along], number[:, 1:][across]])
-        weight = np.full(2 * len(i), self.model.lambda_prior)
-        links = coo_array(
-            (weight, (np.append(i, j), np.append(j, i))), shape=(known.size, known.size)
-        ).tocsc()
-        H = diags_array(precision.ravel() + links.sum(axis=0)) - links
+        H = diags_array(precision.ravel()) + laplacian(self.links, self.model.lambda_prior)
         units = np.zeros((known.size, len(cells)))
         units[cells, np.arange(len(cells))] = 1.0
         return splu(H.tocsc()).solve(units) * known.ravel()[:, None]
@@ -200,13 +192,25 @@ def links(
 def regions(joined: Links) -> np.ndarray:
     """Return a region number for each cell, (nx, ny), equal for cells that a chain of links joins."""
     nx, ny = joined[1].shape[0], joined[0].shape[1]
+    return connected_components(_linked(joined), directed=False)[1].reshape(nx, ny)
+
+
+def laplacian(joined: Links, weight: float) -> coo_array:
+    """Return the sparse matrix (nx ny, nx ny) of the energy of links with this weight each."""
+    ends = _linked(joined)
+    both = weight * (ends + ends.T)
+    return (diags_array(both.sum(axis=0)) - both).tocoo()
+
+
+def _linked(joined: Links) -> coo_array:
+    """Return a sparse matrix (nx ny, nx ny) with a one for each link, from the lower to the upper cell."""
+    nx, ny = joined[1].shape[0], joined[0].shape[1]
     cell = np.arange(nx * ny).reshape(nx, ny)
-    ends = [
+    ends = (
         np.concatenate([cell[:-1][joined[0]], cell[:, :-1][joined[1]]]),
         np.concatenate([cell[1:][joined[0]], cell[:, 1:][joined[1]]]),
-    ]
-    graph = coo_array((np.ones(len(ends[0])), tuple(ends)), shape=(nx * ny, nx * ny))
-    return connected_components(graph, directed=False)[1].reshape(nx, ny)
+    )
+    return coo_array((np.ones(len(ends[0])), ends), shape=(nx * ny, nx * ny))
 
 
 def _solve(

@@ -109,6 +109,11 @@ class LineSensors(GasSensors):
         self.around = around
         self.beam = Parameters(members, partial(_beam, slot, around.step))
         self.length = ti.field(ti.f32, members.size)  # length of each beam [m]
+        # beams from the believed poses, for gas maps: start and vector to the end [m], and whether the reading is new
+        self.beam_start, self.beam_way = (ti.vector_field(dim, ti.f32, members.size) for _ in range(2))
+        self.beam_is_new = ti.field(ti.i32, members.size)
+        gives = [cast(TdlasSensor, group.model.sensors.noses[slot]).gives for group in members.groups]
+        self.gives_mean = np.repeat(np.array(gives) == "mean", [group.size for group in members.groups])
 
     @ti.func
     def direction(self, n, i, t):
@@ -137,7 +142,23 @@ class LineSensors(GasSensors):
                 total += self.p.weights[n, s] * ppm[s]
         self.length[n] = end
         self.true_ppm[i] = total / count
+        if ti.static(self.first):
+            self._show_beam(n, i, x, end * e)
+            self.beam_is_new[n] = self.is_due(n, tick)
         return total * step
+
+    @ti.func
+    def _show_beam(self, n, i, x, way):
+        """Write the beam of sensor n, on robot i, from x along `way` [m], as seen from the robot's believed pose."""
+        turn = cos_sin(self.swarm.believed_heading[i] - self.swarm.heading[i])
+        place = self.swarm.believed_position[i]
+        off = ti.Vector([x[0], x[1]]) - self.swarm.position[i]
+        start, beam = x, way
+        start[0] = place[0] + turn[0] * off[0] - turn[1] * off[1]
+        start[1] = place[1] + turn[1] * off[0] + turn[0] * off[1]
+        beam[0] = turn[0] * way[0] - turn[1] * way[1]
+        beam[1] = turn[1] * way[0] + turn[0] * way[1]
+        self.beam_start[n], self.beam_way[n] = start, beam
 
     @ti.func
     def clean(self, n):

@@ -7,6 +7,7 @@ from taichi_plume.agents.gmrf import MarkovMap
 from taichi_plume.agents.kernel_dm import KernelMap
 from taichi_plume.agents.snapshots import InverseDistanceMap
 from taichi_plume.agents.time_series import TimeSeriesMap
+from taichi_plume.agents.tomography import BeamMap
 from taichi_plume.agents.wind_map import WindMap
 from taichi_plume.scenario.maps import Map
 
@@ -25,4 +26,8 @@ def mappers(models: Sequence[Map], floor: Floor) -> list[GasMap]:
     shared: dict = {}
     for model in models:
         KINDS[model.kind].reserve(model, floor, shared)
-    return [KINDS[model.kind].made(model, floor, shared) for model in models]
+    return [_kind(model, floor).made(model, floor, shared) for model in models]
+
+
+def _kind(model: Map, floor: Floor) -> type[GasMap]:
+    return BeamMap if model.kind == "gmrf" and floor.lasers else KINDS[model.kind]

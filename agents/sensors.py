@@ -87,6 +87,11 @@ class Sensors:
             if self.ranges is not None:
                 self.ranges.measure(tick)
 
+    @property
+    def lasers(self) -> LineSensors | None:
+        """First gas sensors of all robots with lasers; None without."""
+        return next((sensor for sensor in self.noses if isinstance(sensor, LineSensors)), None)
+
     @ti.kernel
     def _read_clean_air(self, sensor: Template, background: float):
         """Write the readings of sensors in clean air, which hold before the first time step; background: sum [ppm]."""

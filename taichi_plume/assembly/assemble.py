@@ -148,6 +148,7 @@ def build(
         scenario.tick,
         clearance.obstacle_distance_at,
         scenario.passes_edge,
+        sensors.lasers,
     )
     maps = mappers(scenario.maps, mapped)
     makers = {gas_map.robot for gas_map in scenario.maps if gas_map.robot is not None}

@@ -1,7 +1,7 @@
 """Online gas maps of a scenario: time series, inverse distance, Kernel DM+V and Gaussian Markov random field."""
 
 from collections.abc import Iterator
-from math import ceil, prod
+from math import ceil, prod, sqrt
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
@@ -18,6 +18,7 @@ LOG_WORK = 3e10  # most terms of sums of a whole log; some seconds
 MOST_NEIGHBOURS = 1_000_000  # members of a neighbourhood in space and time
 BORDER = 1e-9  # tolerance of rounding at the distance beta
 MOST_FIELD_COLUMN = 400  # cells: its third power is the work of an update
+MOST_BEAM_CELLS = 3000  # cells of a map from lasers: its third power is the work of an update
 WIND_PRIOR, WIND_MASS, WIND_OBSERVATION = 10.0, 1000.0, 10.0  # s²/m²
 
 
@@ -47,14 +48,24 @@ class AnyMap(Model):
             elif self.robot >= count:
                 yield f"{where}.robot: {self.robot} is no robot of a trial of {count}; the first one is 0"
 
+        if self.measures == "gas" and self.kind != "gmrf":
+            for n, group in enumerate(context.scenario.robots):
+                sensor = group.sensors.nose
+                if sensor.kind == "tdlas" and sensor.gives == "integral":
+                    yield (
+                        f"{where}.kind: {self.kind} takes readings in ppm, and the laser of robots[{n}] gives the "
+                        "integral along its beam; use kind: gmrf, or gives: mean for readings at the robot"
+                    )
+                    break
+
     def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, float | None]:
         """Return values of the keys `times` with which a map of a log uses all of it; duration [s]; size: floor [m]."""
         return {}
 
-    def bytes(self, size: tuple[float, ...], readings: float) -> float:
+    def bytes(self, size: tuple[float, ...], readings: float, lasers: bool = False) -> float:
         """Return about the memory [bytes] of a map per trial on a floor of this size [m], its solver included.
 
-        readings: gas readings per second of all robots of a trial.
+        readings: gas readings per second of all robots of a trial; lasers: whether some are integrals along beams.
         """
         return 40.0 * prod(extent / self.cell for extent in size[:2])
 
@@ -86,7 +97,7 @@ class SnapshotMap(AnyMap):
         """Smallest distance that counts [m]: `min_distance`, or half a cell."""
         return self.cell / 2 if self.min_distance is None else self.min_distance
 
-    def bytes(self, size: tuple[float, ...], readings: float) -> float:
+    def bytes(self, size: tuple[float, ...], readings: float, lasers: bool = False) -> float:
         return super().bytes(size, readings) + 12.0 * readings * self.window
 
 
@@ -165,7 +176,7 @@ class TimeSeriesMap(SnapshotMap):
         ages = self.beta / ((1.0 - self.alpha) * self.time_scale * self.window)
         return ages + (1.0 - self.first_age / self.window)
 
-    def bytes(self, size: tuple[float, ...], readings: float) -> float:
+    def bytes(self, size: tuple[float, ...], readings: float, lasers: bool = False) -> float:
         """Return the memory [bytes] of the map, with the stored samples or cells of past time windows."""
         if self.raw_samples:
             return super().bytes(size, readings) * (1.0 + self.lags)
@@ -208,7 +219,7 @@ class KernelMap(AnyMap):
     exact: si.Count = 2000
     """Latest readings of a trial for which the variance is recomputed as the mean changes."""
 
-    def bytes(self, size: tuple[float, ...], readings: float) -> float:
+    def bytes(self, size: tuple[float, ...], readings: float, lasers: bool = False) -> float:
         return super().bytes(size, readings) + 70.0 * self.exact
 
 
@@ -225,7 +236,7 @@ class FieldMap(AnyMap):
     def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, float | None]:
         return {"memory": None}
 
-    def bytes(self, size: tuple[float, ...], readings: float) -> float:
+    def bytes(self, size: tuple[float, ...], readings: float, lasers: bool = False) -> float:
         long, short = sorted((extent / self.cell for extent in size[:2]), reverse=True)
         return super().bytes(size, readings) + 8.0 * long * short**2
 
@@ -252,6 +263,22 @@ class MarkovMap(FieldMap):
     memory: si.Duration | None = 60.0
     """Age at which a reading no longer counts, after a steady decrease; null: readings count for ever."""
 
+    def errors(self, where: str, context: Context) -> Iterator[str]:
+        yield from super().errors(where, context)
+        lasers = any(group.sensors.nose.kind == "tdlas" for group in context.scenario.robots)
+        size = context.scenario.domain.size
+        cells = prod(ceil(extent / self.cell - 1e-6) for extent in size[:2])
+        if lasers and cells > MOST_BEAM_CELLS:
+            yield (
+                f"{where}.cell: {self.cell:g} m makes {cells:,} cells, and a map from lasers has at most "
+                f"{MOST_BEAM_CELLS:,}; use {round_up(self.cell * sqrt(cells / MOST_BEAM_CELLS)):g} m or more"
+            )
+
+    def bytes(self, size: tuple[float, ...], readings: float, lasers: bool = False) -> float:
+        cells = [extent / self.cell for extent in size[:2]]
+        beams = 24.0 * sum(cells) * readings * self.memory if self.memory else 8.0 * prod(cells) ** 2
+        return super().bytes(size, readings) + beams * lasers
+
 
 class WindMap(FieldMap):
     """Wind over the floor from anemometers, by a random field that conserves mass (Monroy et al. 2017, ISOEN)."""
@@ -266,7 +293,7 @@ class WindMap(FieldMap):
     lambda_observation: si.SomeCoefficient = WIND_OBSERVATION
     """Precision of a fresh reading of one component, in s²/m²: turbulence scatters readings about the mean wind."""
 
-    def bytes(self, size: tuple[float, ...], readings: float) -> float:
+    def bytes(self, size: tuple[float, ...], readings: float, lasers: bool = False) -> float:
         return 8.0 * super().bytes(size, readings)
 
 

@@ -168,8 +168,9 @@ def too_large(scenario: Scenario) -> Iterator[str]:
     readings = (max if scenario.rivals else sum)(
         [group.count for group in scenario.robots] or [1]
     ) / scenario.tick
+    lasers = any(group.sensors.nose.kind == "tdlas" for group in scenario.robots)
     for n, gas_map in enumerate(scenario.maps):
-        if (of_map := trials * gas_map.bytes(domain.size, readings)) > free:
+        if (of_map := trials * gas_map.bytes(domain.size, readings, lasers)) > free:
             yield (
                 f"maps[{n}]: needs {memory(of_map)} of memory for all trials, {memory(free)} are free; "
                 "make its cells larger, or lower the trials"

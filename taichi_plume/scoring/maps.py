@@ -52,6 +52,9 @@ class MapSeries:
         self.measurable = scores.measurable(sim, self.cell, self.shape)
         trial = [np.repeat(group.row + np.arange(group.trials), group.count) for group in groups]
         self.trial = np.concatenate([[], *trial]).astype(int)
+        beams = sim.scenario.maps[number].kind == "gmrf"
+        at_point = [not (beams and group.model.sensors.nose.law == "line") for group in groups]
+        self.at_point = np.repeat(np.array(at_point, bool), [group.size for group in groups])
         self.parts = [rows for _, rows in scores.map_rows(sim)]
         self.sum, self.looks, self.ended = np.zeros((nx, ny, *components)), 0, 0
         self.rows = Series(
@@ -93,7 +96,8 @@ class MapSeries:
         if self.expected and len(self.trial):
             now = sim.swarm.snapshot()
             expects = scores.Prediction(self.expected[0], self.expected[1], self.cell, self.extent)
-            self._add_surprise(expects.surprise(self.trial, now["believed_position"], now["above_ppm"]))
+            reading = np.where(self.at_point, now["above_ppm"], np.nan)  # a beam is not at a point
+            self._add_surprise(expects.surprise(self.trial, now["believed_position"], reading))
         if int((sim.t + 1e-6) / self.period) > self.ended:
             self.ended = int((sim.t + 1e-6) / self.period)
             self._score(sim.t)
