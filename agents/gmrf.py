@@ -15,25 +15,25 @@ trials at once. The cost is constant in time: readings are summed by cell and wi
 zero.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from math import prod
 from typing import Any, ClassVar
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
-from scipy.sparse import coo_array, diags_array
+from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from taichi_plume.agents.gas_map import Floor, GasMap, Readers, cell_of, counts, window_of, windows
 from taichi_plume.agents.serial_loops import runs_serially
 from taichi_plume.engine import ti
-from taichi_plume.grid.grid import centers
 from taichi_plume.grid.kernels import Template
 
 LOOKS = 16  # parts of the line between two centres; the ends of the parts are checked for obstacles
 
-Links = tuple[np.ndarray, np.ndarray]
-"""Whether neighbour cells are joined, along x (nx - 1, ny) and y (nx, ny - 1)."""
+Links = tuple[np.ndarray, ...]
+"""Whether neighbour cells are joined, along x (nx - 1, ny, ...), y (nx, ny - 1, ...), and z."""
 Window = list[Any]
 """End [s] of a time window, and of the cells with readings: flat indices, then the sums of `MarkovField`."""
 
@@ -49,15 +49,18 @@ class MarkovField(GasMap):
     SUMS: ClassVar[int] = 2
 
     def __init__(self, model: Any, floor: Floor):
-        super().__init__(model.cell, floor)
-        self.sums = tuple(ti.field(ti.f32, (floor.trials, *self.shape)) for _ in range(self.SUMS))
-        free = floor.obstacle_distance(centers(self.shape, model.cell)) > 0
+        levels = model.levels(floor.room)
+        super().__init__(model.cell, floor, levels)
+        self.sums = tuple(ti.field(ti.f32, (self.rows, *self.shape)) for _ in range(self.SUMS))
+        distance = floor.solid_distance if levels else floor.obstacle_distance
+        free = distance(self.places()) > 0
         # a reading in a cell whose centre lies in an obstacle counts for the nearest free cell
-        self.counted_in = np.arange(free.size).reshape(self.shape)
+        self.counted_in = np.arange(free.size).reshape(free.shape)
         if free.any():
-            nearest: Any = distance_transform_edt(~free, return_distances=False, return_indices=True)
-            self.counted_in = np.ravel_multi_index(tuple(nearest), self.shape)
-        self.links = links(self.shape, model.cell, floor.obstacle_distance)
+            edges = (model.cell, model.cell, levels.layer) if levels else None
+            nearest: Any = distance_transform_edt(~free, edges, return_distances=False, return_indices=True)
+            self.counted_in = np.ravel_multi_index(tuple(nearest), free.shape)
+        self.links = links(self.places(), distance)
         self.region = regions(self.links)
         self.model = model
         self.noise = 1.0 / model.lambda_observation  # variance of a reading [square of its unit]
@@ -102,7 +105,7 @@ class MarkovField(GasMap):
         time = (self.ended + 1) * self.model.window
         self.ended = number
         self._solved = None
-        sums = [self._moved(field.values) for field in self.sums]
+        sums = [self._moved(self.by_trial(field.values)) for field in self.sums]
         cells = np.flatnonzero(sums[0])
         if len(cells):
             self.past.append([time, cells, *(values[cells] for values in sums)])
@@ -114,7 +117,7 @@ class MarkovField(GasMap):
             self.past = [window for window in self.past if self._share(window[0]) > 0.0]
 
     def _moved(self, values: np.ndarray) -> np.ndarray:
-        """Return flat cell sums of `values` (trials, nx, ny), blocked cells added to the nearest free cells."""
+        """Return flat cell sums of `values` (trials, nx, ny, ...), blocked cells added to the nearest free cells."""
         trials, cells = len(values), self.counted_in.size
         into = np.arange(trials)[:, None] * cells + self.counted_in.ravel()
         return np.bincount(into.ravel(), values.ravel(), minlength=trials * cells)
@@ -133,8 +136,8 @@ class MarkovField(GasMap):
         return np.maximum(1.0 - (self.ended * self.model.window - time) / self.model.memory, 0.0)
 
     def _information(self) -> list[np.ndarray]:
-        """Return number and sums of the readings in each cell, weighted by age, (trials, nx, ny) each."""
-        sums = [np.zeros(field.shape) for field in self.sums]
+        """Return number and sums of the readings in each cell, weighted by age, (trials, nx, ny, ...) each."""
+        sums = [np.zeros((self.trials, *self.region.shape)) for _ in self.sums]
         for time, cells, *values in self.past:
             share = self._share(time)
             for total, value in zip(sums, values, strict=True):
@@ -142,13 +145,23 @@ class MarkovField(GasMap):
         return sums
 
     def _known(self, count: np.ndarray) -> np.ndarray:
-        """Return the mask (trials, nx, ny) of cells that a chain of links joins to a reading; count: their number."""
-        number = np.arange(len(count))[:, None, None] * (self.region.max() + 1) + self.region
+        """Return the mask (trials, nx, ny, ...) of cells that a chain of links joins to a reading; count: their number."""
+        number = (np.arange(len(count)) * (self.region.max() + 1)).reshape(-1, *[1] * self.region.ndim)
+        number = number + self.region
         return (np.bincount(number.ravel(), count.ravel()) > 0)[number]
 
 
 class MarkovMap(MarkovField):
-    """Gas map with mean [ppm] and variance [ppm²] in each cell by a Gaussian Markov random field."""
+    """Gas map with mean [ppm] and variance [ppm²] in each cell by a Gaussian Markov random field.
+
+    prior: weights of the links along each axis [1/ppm²].
+    """
+
+    def __init__(self, model: Any, floor: Floor):
+        super().__init__(model, floor)
+        self.prior = [model.lambda_prior] * 2
+        if self.levels:
+            self.prior.append(model.lambda_prior * (model.cell / self.levels.layer) ** 2)
 
     def weight(self) -> np.ndarray:
         """Return the confidence of the map, 1 / variance [1/ppm²], (trials, nx, ny); 0 in unknown cells."""
@@ -159,83 +172,107 @@ class MarkovMap(MarkovField):
         count = self._information()[0]
         known = self._known(count)[trial]
         precision = self.model.lambda_observation * count[trial] + ~known
-        H = diags_array(precision.ravel()) + laplacian(self.links, self.model.lambda_prior)
+        H = diags_array(precision.ravel()) + laplacian(self.links, self.prior)
         units = np.zeros((known.size, len(cells)))
         units[cells, np.arange(len(cells))] = 1.0
         return splu(H.tocsc()).solve(units) * known.ravel()[:, None]
 
     def _collect(self, swarm: Readers) -> None:
-        _collect(swarm.members, swarm.team_size, swarm.believed_position, swarm.reading, self.extent, self.cell,
-                 self.shape, *self.sums)  # fmt: skip
+        if self.levels:
+            self._collect_in_layers(swarm, *self.sums)
+        else:
+            _collect(swarm.members, swarm.team_size, swarm.believed_position, swarm.reading, self.extent, self.cell,
+                     self.shape, *self.sums)  # fmt: skip
+
+    @ti.kernel
+    def _collect_in_layers(self, swarm: Template, count: Template, total: Template):
+        """Add each trial's valid readings to the number and the sum of readings in their cells over the height."""
+        ti.loop_config(serialize=ti.static(runs_serially(swarm.team_size.shape[0])))
+        for k in range(swarm.team_size.shape[0]):
+            for m in range(swarm.team_size[k]):
+                i = swarm.members[k, m]
+                z = self.height(swarm, i)
+                if counts(swarm.reading[i], swarm.believed_position[i], self.extent) and self.on_layers(z):
+                    I, row = cell_of(swarm.believed_position[i], self.cell, self.shape), self.row(k, z)
+                    count[row, I[0], I[1]] += 1.0
+                    total[row, I[0], I[1]] += swarm.reading[i]
 
     def _solve(self) -> list[np.ndarray]:
         count, total = self._information()
         known = self._known(count)
         precision = self.model.lambda_observation * count + ~known  # otherwise H would be singular
-        mean, variance = _solve(
-            precision, self.model.lambda_observation * total, self.links, self.model.lambda_prior
-        )
+        mean, variance = _solve(precision, self.model.lambda_observation * total, self.links, self.prior)
         return [np.where(known, mean, np.nan), np.where(known, variance, np.nan)]
 
 
-def links(
-    cells: tuple[int, int], cell: float, obstacle_distance: Callable[[np.ndarray], np.ndarray]
-) -> Links:
-    """Return whether the line between neighbour cells is free of obstacles, along x (nx - 1, ny) and y (nx, ny - 1)."""
-    place = centers(cells, cell)
-    share = np.linspace(0.0, 1.0, LOOKS + 1)[:, None, None, None]
-    along_x = (1 - share) * place[:-1] + share * place[1:]
-    along_y = (1 - share) * place[:, :-1] + share * place[:, 1:]
-    return obstacle_distance(along_x).min(axis=0) > 0, obstacle_distance(along_y).min(axis=0) > 0
+def links(place: np.ndarray, obstacle_distance: Callable[[np.ndarray], np.ndarray]) -> Links:
+    """Return whether the line between neighbour cells is free of obstacles, by axis: along x (nx - 1, ny, ...), y
+    (nx, ny - 1, ...), and z. place: centres of the cells (nx, ny, ..., dim) [m].
+    """
+    share = np.linspace(0.0, 1.0, LOOKS + 1).reshape(-1, *[1] * place.ndim)
+    ends = [(np.moveaxis(place, axis, 0)[:-1], np.moveaxis(place, axis, 0)[1:]) for axis in range(place.ndim - 1)]
+    distances = [obstacle_distance((1 - share) * low + share * high).min(axis=0) for low, high in ends]
+    return tuple(np.moveaxis(values > 0, 0, axis) for axis, values in enumerate(distances))
 
 
 def regions(joined: Links) -> np.ndarray:
-    """Return a region number for each cell, (nx, ny), equal for cells that a chain of links joins."""
-    nx, ny = joined[1].shape[0], joined[0].shape[1]
-    return connected_components(_linked(joined), directed=False)[1].reshape(nx, ny)
+    """Return a region number for each cell, (nx, ny, ...), equal for cells that a chain of links joins."""
+    graph = _linked(joined, [1.0] * len(joined))
+    return connected_components(graph, directed=False)[1].reshape(_cells(joined))
 
 
-def laplacian(joined: Links, weight: float) -> coo_array:
-    """Return the sparse matrix (nx ny, nx ny) of the energy of links with this weight each."""
-    ends = _linked(joined)
-    both = weight * (ends + ends.T)
-    return (diags_array(both.sum(axis=0)) - both).tocoo()
+def laplacian(joined: Links, weights: Sequence[float]) -> csr_array:
+    """Return the sparse matrix (n, n) of the energy of links of n cells; weights: of the links along each axis."""
+    ends = _linked(joined, weights)
+    both = csr_array(ends + ends.T)
+    return csr_array(diags_array(both.sum(axis=0)) - both)
 
 
-def _linked(joined: Links) -> coo_array:
-    """Return a sparse matrix (nx ny, nx ny) with a one for each link, from the lower to the upper cell."""
-    nx, ny = joined[1].shape[0], joined[0].shape[1]
-    cell = np.arange(nx * ny).reshape(nx, ny)
-    ends = (
-        np.concatenate([cell[:-1][joined[0]], cell[:, :-1][joined[1]]]),
-        np.concatenate([cell[1:][joined[0]], cell[:, 1:][joined[1]]]),
-    )
-    return coo_array((np.ones(len(ends[0])), ends), shape=(nx * ny, nx * ny))
+def _cells(joined: Links) -> tuple[int, ...]:
+    """Return the number of cells along each axis."""
+    return joined[0].shape[0] + 1, *joined[0].shape[1:]
+
+
+def _linked(joined: Links, weights: Sequence[float]) -> csr_array:
+    """Return a sparse matrix (n, n) with the weight of each link, from the lower to the upper one of n cells."""
+    cell = np.arange(prod(_cells(joined))).reshape(_cells(joined))
+    parts = []
+    for axis, (links, weight) in enumerate(zip(joined, weights, strict=True)):
+        along = np.moveaxis(cell, axis, 0)
+        open = np.moveaxis(links, axis, 0)
+        parts.append(np.stack([along[:-1][open], along[1:][open], np.full(open.sum(), weight)]))
+    low, high, value = np.concatenate(parts, axis=1)
+    return csr_array(coo_array((value, (low.astype(int), high.astype(int))), shape=(cell.size, cell.size)))
 
 
 def _solve(
-    precision: np.ndarray, g: np.ndarray, links: Links, lambda_prior: float
+    precision: np.ndarray, g: np.ndarray, links: Links, weights: Sequence[float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return H⁻¹ g and the diagonal of H⁻¹, (trials, nx, ny) each. H: matrix of the links, each with weight
-    `lambda_prior`, plus `precision` on the diagonal.
+    """Return H⁻¹ g and the diagonal of H⁻¹, (trials, nx, ny, ...) each. H: matrix of the links, with the weights of
+    each axis, plus `precision` on the diagonal.
     """
-    trials, nx, ny = precision.shape
-    if ny > nx:  # the blocks are as large as a column
-        flipped = (links[1].T, links[0].T)
-        x, v = _solve(precision.swapaxes(1, 2), g.swapaxes(1, 2), flipped, lambda_prior)
-        return x.swapaxes(1, 2), v.swapaxes(1, 2)
-    across, within = lambda_prior * links[0], lambda_prior * links[1]
+    longest = int(np.argmax(precision.shape[1:]))  # blocks are as large as a section across the longest axis
+    precision, g = (np.moveaxis(values, 1 + longest, 1) for values in (precision, g))
+    linked = [weight * np.moveaxis(each, longest, 0) for weight, each in zip(weights, links, strict=True)]
+    linked.insert(0, linked.pop(longest))
+    trials, nx, *section = precision.shape
+    ny = prod(section)
     diagonal = precision.copy()
-    diagonal[:, :-1] += across
-    diagonal[:, 1:] += across
-    diagonal[:, :, :-1] += within
-    diagonal[:, :, 1:] += within
+    for axis, each in enumerate(linked):
+        values = np.moveaxis(diagonal, 1 + axis, 1)
+        values[:, :-1] += np.moveaxis(each, axis, 0)
+        values[:, 1:] += np.moveaxis(each, axis, 0)
     row = np.arange(ny)
+    number = row.reshape(section)
+    pairs = [(np.moveaxis(number, axis, 0)[:-1], np.moveaxis(number, axis, 0)[1:]) for axis in range(len(section))]
+    across, within = linked[0].reshape(nx - 1, ny), linked[1:]
+    shape, g, diagonal = g.shape, g.reshape(trials, nx, ny), diagonal.reshape(trials, nx, ny)
     P, y = np.empty((nx, trials, ny, ny)), g.copy()
     for i in range(nx):
         block = np.zeros((trials, ny, ny))
         block[:, row, row] = diagonal[:, i]
-        block[:, row[:-1], row[1:]] = block[:, row[1:], row[:-1]] = -within[i]
+        for axis, (low, high) in enumerate(pairs):
+            block[:, low, high] = block[:, high, low] = -np.moveaxis(within[axis][i], axis, 0)
         if i > 0:
             block -= across[i - 1][:, None] * P[i - 1] * across[i - 1]
             y[:, i] += across[i - 1] * _times(P[i - 1], y[:, i - 1])
@@ -248,7 +285,7 @@ def _solve(
         joined = P[i] * across[i]
         G = P[i] + joined @ G @ joined.swapaxes(1, 2)
         variance[:, i] = G[:, row, row]
-    return x, variance
+    return tuple(np.moveaxis(values.reshape(shape), 1, 1 + longest) for values in (x, variance))
 
 
 def _times(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:

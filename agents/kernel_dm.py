@@ -75,18 +75,21 @@ class KernelMap(GasMap):
     window: float | None = None
 
     def __init__(self, model: models.KernelMap, floor: Floor):
-        super().__init__(model.cell, floor)
+        super().__init__(model.cell, floor, model.levels(floor.room))
         self.exact, trials = model.exact, floor.trials
         self.parts = -(-self.shape[1] // STRIP)  # strips of a column of cells
         # sums that grow with the run are in f64, or their rounding would
-        self.weights = ti.field(ti.f64, (trials, *self.shape))  # Ω
-        self.weighted = ti.field(ti.f64, (trials, *self.shape))  # Σ K r [ppm]
-        self.old = ti.field(ti.f64, (trials, *self.shape))  # Σ K q of readings without a slot [ppm²]
-        self.squares = ti.field(ti.f32, (trials, *self.shape))  # Σ K q of all readings [ppm²]
+        self.weights = ti.field(ti.f64, (self.rows, *self.shape))  # Ω
+        self.weighted = ti.field(ti.f64, (self.rows, *self.shape))  # Σ K r [ppm]
+        self.old = ti.field(ti.f64, (self.rows, *self.shape))  # Σ K q of readings without a slot [ppm²]
+        self.squares = ti.field(ti.f32, (self.rows, *self.shape))  # Σ K q of all readings [ppm²]
         # Σ of the weights of age, times 1, r, and q of the readings without a slot
         self.totals = ti.field(ti.f64, (trials, 3))
         self.kept = ti.vector_field(NUMBERS, ti.f32, (trials, self.exact))
         self.left = ti.vector_field(NUMBERS, ti.f32, (trials, self.exact))
+        if self.levels:
+            self.STATE = (*self.STATE, "kept_height")
+            self.kept_height, self.left_height = (ti.field(ti.f32, (trials, self.exact)) for _ in range(2))
         self.deviation = ti.field(ti.f32, (trials, self.exact))  # q times the weight of its age [ppm²]
         self.fresh: Field = ti.field(ti.i32, trials)  # number of the first new reading
         self.end: Field = ti.field(ti.i32, trials)
@@ -107,7 +110,7 @@ class KernelMap(GasMap):
     def estimate(self) -> np.ndarray:
         """Return the mean gas map [ppm], (trials, nx, ny); NaN in cells beyond the reach of every reading."""
         totals = self.totals.values
-        return self._blend(self.weighted.values, ratio(totals[:, 1], totals[:, 0]))
+        return self._blend(self.weighted, ratio(totals[:, 1], totals[:, 0]))
 
     def variance(self) -> np.ndarray:
         """Return the variance of readings about the mean gas map [ppm²], (trials, nx, ny); NaN in cells beyond the
@@ -116,19 +119,20 @@ class KernelMap(GasMap):
         self._update_deviations(self.time)
         totals, deviation = self.totals.values, self.deviation.values
         prior = ratio(totals[:, 2] + deviation.sum(axis=1, dtype=float), totals[:, 0])
-        return self._blend(self.squares.values, prior)
+        return self._blend(self.squares, prior)
 
     def remembered(self, t: np.ndarray, place: np.ndarray, dt: float) -> np.ndarray:
         return np.exp(-self.fading * (self.time - t))
 
     def weight(self) -> np.ndarray:
         """Return the confidence α of each cell's mean, from 0 to 1, (trials, nx, ny)."""
-        return -np.expm1(-((self.weights.values / self.sigma_omega) ** 2))
+        return -np.expm1(-((self.by_trial(self.weights.values) / self.sigma_omega) ** 2))
 
-    def _blend(self, sums: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    def _blend(self, sums: Field, prior: np.ndarray) -> np.ndarray:
         """Return local means sums / weights, blended by confidence with `prior` (trials,), the mean of all readings."""
         trust = self.weight()
-        return trust * ratio(sums, self.weights.values) + (1.0 - trust) * prior[:, None, None]
+        local = self.by_trial(ratio(sums.values, self.weights.values))
+        return trust * local + (1.0 - trust) * prior.reshape(-1, *[1] * (trust.ndim - 1))
 
     @ti.kernel
     def _take_in(self, swarm: Template, first: int, t: float, fade: ti.f64):
@@ -141,15 +145,20 @@ class KernelMap(GasMap):
             self.fresh[k] = n
             for m in range(first, ti.min(swarm.team_size[k], first + self.exact)):
                 i = swarm.members[k, m]
-                if counts(swarm.reading[i], swarm.believed_position[i], self.extent):
+                z = self.height(swarm, i)
+                if counts(swarm.reading[i], swarm.believed_position[i], self.extent) and self.on_layers(z):
                     slot = n % self.exact
                     if n >= self.exact:
                         left = _sample(self.kept[k, slot])
-                        q = self._weight_of_age(left, t) * self._deviation(k, left)
+                        q = self._weight_of_age(left, t) * self._deviation(k, left, self._kept_height(k, slot))
                         self.left[k, slot] = self.kept[k, slot]
+                        if ti.static(self.layered):
+                            self.left_height[k, slot] = self.kept_height[k, slot]
                         self.deviation[k, slot] = q
                         self.totals[k, 2] += q
                     self.kept[k, slot] = _row(self._taken(swarm, i, t))
+                    if ti.static(self.layered):
+                        self.kept_height[k, slot] = z
                     n += 1
             self.end[k] = n
             for at in range(self.fresh[k], n):  # after all replaced readings were compared with the same map
@@ -157,28 +166,31 @@ class KernelMap(GasMap):
                 self.totals[k, 1] += _sample(self.kept[k, at % self.exact]).reading
         strips = ti.static(self.weights.shape[0] * self.shape[0] * self.parts)
         ti.loop_config(serialize=ti.static(runs_serially(4 * strips)))
-        for k, x, part in ti.ndrange(self.weights.shape[0], self.shape[0], self.parts):
-            y0 = part * STRIP
+        for row, x, part in ti.ndrange(self.weights.shape[0], self.shape[0], self.parts):
+            k, y0 = row // self.depth, part * STRIP
             weights = ti.Vector([0.0] * STRIP)
             weighted = ti.Vector([0.0] * STRIP)
             old = ti.Vector([0.0] * STRIP)
             for n in range(self.fresh[k], self.end[k]):
                 slot = n % self.exact
                 sample = _sample(self.kept[k, slot])
+                apart = self._layers_apart(row, self._kept_height(k, slot))
                 for s in range(STRIP):
-                    w = self._kernel(sample, x, y0 + s)
+                    w = self._kernel(sample, x, y0 + s, apart)
                     weights[s] += w
                     weighted[s] += w * sample.reading
                 if n >= self.exact:
                     left = _sample(self.left[k, slot])
                     deviation = self.deviation[k, slot]
+                    if ti.static(self.layered):
+                        apart = self._layers_apart(row, self.left_height[k, slot])
                     for s in range(STRIP):
-                        old[s] += self._kernel(left, x, y0 + s) * deviation
+                        old[s] += self._kernel(left, x, y0 + s, apart) * deviation
             for s in range(ti.min(STRIP, self.shape[1] - y0)):
                 y = y0 + s
-                self.weights[k, x, y] = fade * self.weights[k, x, y] + weights[s]
-                self.weighted[k, x, y] = fade * self.weighted[k, x, y] + weighted[s]
-                self.old[k, x, y] = fade * self.old[k, x, y] + old[s]
+                self.weights[row, x, y] = fade * self.weights[row, x, y] + weights[s]
+                self.weighted[row, x, y] = fade * self.weighted[row, x, y] + weighted[s]
+                self.old[row, x, y] = fade * self.old[row, x, y] + old[s]
 
     @ti.kernel
     def _update_deviations(self, t: float):
@@ -187,17 +199,19 @@ class KernelMap(GasMap):
             self.deviation[k, slot] = 0.0
             if slot < self.end[k]:
                 sample = _sample(self.kept[k, slot])
-                self.deviation[k, slot] = self._weight_of_age(sample, t) * self._deviation(k, sample)
-        for k, x, part in ti.ndrange(self.squares.shape[0], self.shape[0], self.parts):
-            y0 = part * STRIP
+                q = self._deviation(k, sample, self._kept_height(k, slot))
+                self.deviation[k, slot] = self._weight_of_age(sample, t) * q
+        for row, x, part in ti.ndrange(self.squares.shape[0], self.shape[0], self.parts):
+            k, y0 = row // self.depth, part * STRIP
             total = ti.Vector([0.0] * STRIP)
             for slot in range(ti.min(self.end[k], self.exact)):
                 sample = _sample(self.kept[k, slot])
                 deviation = self.deviation[k, slot]
+                apart = self._layers_apart(row, self._kept_height(k, slot))
                 for s in range(STRIP):
-                    total[s] += self._kernel(sample, x, y0 + s) * deviation
+                    total[s] += self._kernel(sample, x, y0 + s, apart) * deviation
             for s in range(ti.min(STRIP, self.shape[1] - y0)):
-                self.squares[k, x, y0 + s] = self.old[k, x, y0 + s] + total[s]
+                self.squares[row, x, y0 + s] = self.old[row, x, y0 + s] + total[s]
 
     @ti.func
     def _taken(self, swarm: Template, i, t):
@@ -214,10 +228,29 @@ class KernelMap(GasMap):
         return Sample(swarm.believed_position[i], along / width, across, swarm.reading[i], t)
 
     @ti.func
-    def _kernel(self, sample, x, y):
-        """Return the kernel weight K of a sample of age 0 in cell (x, y)."""
+    def _kept_height(self, k, slot):
+        """Return the height [m] of the sample in a slot; 0 on a map of the floor."""
+        z = 0.0
+        if ti.static(self.layered):
+            z = self.kept_height[k, slot]
+        return z
+
+    @ti.func
+    def _layers_apart(self, row, z):
+        """Return d_z² / sigma² from the height z [m] to the middle of the layer of a row; 0 on the floor."""
+        apart = 0.0
+        if ti.static(self.layered):
+            middle = self.low + (row % self.depth + 0.5) * self.layer
+            apart = (middle - z) ** 2 / self._sigma2[None]
+        return apart
+
+    @ti.func
+    def _kernel(self, sample, x, y, apart):
+        """Return the kernel weight K of a sample of age 0 in cell (x, y); apart: see `_layers_apart`."""
         d = (ti.Vector([x, y]) + 0.5) * self.cell - sample.place
         r2 = d.dot(sample.along) ** 2 + d.dot(sample.across) ** 2
+        if ti.static(self.layered):
+            r2 += apart
         # exp(-r2 / 2) as the 16th power of a Taylor series, which unlike exp fits into vector registers: within 2e-6
         z = -r2 / 32.0
         series = 1.0
@@ -232,14 +265,14 @@ class KernelMap(GasMap):
         return ti.exp(-self._fading[None] * (t - sample.time))
 
     @ti.func
-    def _deviation(self, k, sample):
-        """Return the squared deviation q [ppm²] of a sample of trial k from the mean of its cell."""
-        I = cell_of(sample.place, self.cell, self.shape)
-        weight = self.weights[k, I[0], I[1]]
+    def _deviation(self, k, sample, z):
+        """Return the squared deviation q [ppm²] of a sample of trial k, taken at height z, from the mean of its cell."""
+        I, row = cell_of(sample.place, self.cell, self.shape), self.row(k, z)
+        weight = self.weights[row, I[0], I[1]]
         prior = self.totals[k, 1] / self.totals[k, 0]
         share = ti.cast(weight / self._sigma_omega[None], ti.f32)  # Vulkan has no exp of f64
         trust = 1.0 - ti.exp(-(share**2))
         mean = prior
         if weight > 0.0:
-            mean += trust * (self.weighted[k, I[0], I[1]] / weight - prior)
+            mean += trust * (self.weighted[row, I[0], I[1]] / weight - prior)
         return ti.cast((sample.reading - mean) ** 2, ti.f32)

@@ -113,7 +113,7 @@ class BeamMap(MarkovMap):
 
     def _solve(self) -> list[np.ndarray]:
         lambda_observation = self.model.lambda_observation
-        smooth = laplacian(self.links, self.model.lambda_prior).toarray()
+        smooth = laplacian(self.links, self.prior).toarray()
         mean, variance = np.full((2, self.trials, *self.shape), np.nan)
         for k in range(self.trials):
             gram, moment, length = self._sums(k)

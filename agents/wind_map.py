@@ -171,7 +171,7 @@ def wind_field(
     the cells [m]. obstacle_distance, edge: see `Floor`; by default the floor has neither obstacles nor walls.
     """
     shape = round(size[0] / cell), round(size[1] / cell)
-    joined = links(shape, cell, obstacle_distance)
+    joined = links(centers(shape, cell), obstacle_distance)
     free = obstacle_distance(centers(shape, cell)) > 0
     field = WindField(joined, free, open_edges(shape, cell, edge), prior, mass, observation)
     at = tuple(np.clip((np.asarray(place) / cell).astype(int), 0, np.array(shape) - 1).T)

@@ -2,8 +2,9 @@
 
 from collections.abc import Iterator
 from math import ceil, prod, sqrt
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
+import numpy as np
 from pydantic import Field
 
 from taichi_plume.quantities import ill_sized, round_up
@@ -20,6 +21,24 @@ BORDER = 1e-9  # tolerance of rounding at the distance beta
 MOST_FIELD_COLUMN = 400  # cells: its third power is the work of an update
 MOST_BEAM_CELLS = 3000  # cells of a map from lasers: its third power is the work of an update
 WIND_PRIOR, WIND_MASS, WIND_OBSERVATION = 10.0, 1000.0, 10.0  # s²/m²
+
+
+class Levels(NamedTuple):
+    """Layers of a map in three dimensions: lower end of the lowest, height of each [m], and their number."""
+
+    low: float
+    layer: float
+    count: int
+
+    @property
+    def middle(self) -> np.ndarray:
+        """Heights of the middles of the layers [m], (count,)."""
+        return self.low + (np.arange(self.count) + 0.5) * self.layer
+
+    @property
+    def high(self) -> float:
+        """Upper end of the highest layer [m]."""
+        return self.low + self.count * self.layer
 
 
 class AnyMap(Model):
@@ -58,6 +77,10 @@ class AnyMap(Model):
                     )
                     break
 
+    def levels(self, size: tuple[float, ...]) -> Levels | None:
+        """Return the layers of a map in a room of this size [m]; None for a map of the floor."""
+        return None
+
     def of_log(self, duration: float, size: tuple[float, float]) -> dict[str, float | None]:
         """Return values of the keys `times` with which a map of a log uses all of it; duration [s]; size: floor [m]."""
         return {}
@@ -67,7 +90,11 @@ class AnyMap(Model):
 
         readings: gas readings per second of all robots of a trial; lasers: whether some are integrals along beams.
         """
-        return 40.0 * prod(extent / self.cell for extent in size[:2])
+        return 40.0 * prod(self.cells(size))
+
+    def cells(self, size: tuple[float, ...]) -> tuple[int, ...]:
+        """Return the number of cells along each axis that cover a floor, or a room, of this size [m]."""
+        return ceil(size[0] / self.cell - 1e-6), ceil(size[1] / self.cell - 1e-6)
 
     def warnings(self, where: str, context: Context) -> Iterator[str]:
         window = vars(self).get("window") or 0.0
@@ -198,7 +225,59 @@ class InverseDistanceMap(SnapshotMap):
         return {"window": max(self.window, duration)}
 
 
-class KernelMap(AnyMap):
+class LayeredMap(AnyMap):
+    """Base class of the maps that can have layers of cells over the height."""
+
+    layer: Annotated[si.Length, SHAPE] | None = None
+    """Height of the cells of a map in three dimensions. Unless given, the map is of the floor."""
+    heights: Annotated[tuple[si.Distance, si.Length], SHAPE] | None = None
+    """Lowest and highest height of the layers. Unless given, from the floor to the ceiling."""
+
+    @consistency_check
+    def _layers_between_heights(self) -> Iterator[str]:
+        if self.heights is None:
+            return
+        low, high = self.heights
+        if self.layer is None:
+            yield "heights: needs layer, the height of the cells; without it the map is of the floor"
+        elif high < low + (1.0 - 1e-6) * self.layer:
+            yield f"heights: from {low:g} m to {high:g} m is less than a layer of {self.layer:g} m"
+
+    def levels(self, size: tuple[float, ...]) -> Levels | None:
+        """Return the layers in a room of this size [m], of which the last may exceed the heights; None on the floor."""
+        if self.layer is None:
+            return None
+        low, high = self.heights or (0.0, size[2])
+        return Levels(low, self.layer, ceil((high - low) / self.layer - 1e-6))
+
+    def errors(self, where: str, context: Context) -> Iterator[str]:
+        yield from super().errors(where, context)
+        size = context.scenario.domain.size
+        if self.heights is not None and len(size) == 3 and self.heights[1] > size[2] * (1.0 + 1e-6):
+            yield f"{where}.heights: {self.heights[1]:g} m is above the ceiling at {size[2]:g} m"
+
+    def grid_error(self, where: str, size: tuple[float, ...]) -> str | None:
+        line = super().grid_error(where, size)
+        if line is not None or self.layer is None:
+            return line
+        if len(size) < 3:
+            return f"{where}.layer: needs a 3-D room, and this one has two lengths; leave it out"
+        if self.layer > size[2]:
+            return f"{where}.layer: {self.layer:g} m is more than the height of the room, {size[2]:g} m; use less"
+        cells = prod(self.cells(size))
+        if cells > MOST_CELLS:
+            return (
+                f"{where}.layer: {self.layer:g} m makes {cells:,} map cells, at most {MOST_CELLS:,} are allowed; raise "
+                "layer or cell, or narrow heights"
+            )
+        return None
+
+    def cells(self, size: tuple[float, ...]) -> tuple[int, ...]:
+        levels = self.levels(size)
+        return (*super().cells(size), *([levels.count] if levels else []))
+
+
+class KernelMap(LayeredMap):
     """Mean and variance by Gaussian weights: Kernel DM+V (Lilienthal et al., IROS 2009)."""
 
     times: ClassVar[tuple[str, ...]] = ("memory",)
@@ -237,8 +316,8 @@ class FieldMap(AnyMap):
         return {"memory": None}
 
     def bytes(self, size: tuple[float, ...], readings: float, lasers: bool = False) -> float:
-        long, short = sorted((extent / self.cell for extent in size[:2]), reverse=True)
-        return super().bytes(size, readings) + 8.0 * long * short**2
+        *short, long = sorted(self.cells(size))
+        return super().bytes(size, readings) + 8.0 * long * float(prod(short)) ** 2
 
     def grid_error(self, where: str, size: tuple[float, ...]) -> str | None:
         width = min(size[:2])
@@ -251,7 +330,7 @@ class FieldMap(AnyMap):
         return line
 
 
-class MarkovMap(FieldMap):
+class MarkovMap(LayeredMap, FieldMap):
     """Mean and variance by a Gaussian Markov random field, cut by obstacles (Monroy et al. 2016, Autonomous Robots)."""
 
     gains: ClassVar[tuple[str, ...]] = ("variance", "upper_bound", "information")
@@ -263,11 +342,24 @@ class MarkovMap(FieldMap):
     memory: si.Duration | None = 60.0
     """Age at which a reading no longer counts, after a steady decrease; null: readings count for ever."""
 
+    def grid_error(self, where: str, size: tuple[float, ...]) -> str | None:
+        line = super().grid_error(where, size)
+        if line is None and self.layer is not None:
+            section = prod(sorted(self.cells(size))[:-1])
+            if section > MOST_FIELD_COLUMN:
+                return (
+                    f"{where}.layer: {self.layer:g} m makes {section:,} cells in the smallest section of the map, at "
+                    f"most {MOST_FIELD_COLUMN} are allowed; raise layer or cell, or narrow heights"
+                )
+        return line
+
     def errors(self, where: str, context: Context) -> Iterator[str]:
         yield from super().errors(where, context)
         lasers = any(group.sensors.nose.kind == "tdlas" for group in context.scenario.robots)
         size = context.scenario.domain.size
-        cells = prod(ceil(extent / self.cell - 1e-6) for extent in size[:2])
+        if self.grid_error(where, size) is not None:
+            return
+        cells = prod(self.cells(size))
         if lasers and cells > MOST_BEAM_CELLS:
             yield (
                 f"{where}.cell: {self.cell:g} m makes {cells:,} cells, and a map from lasers has at most "
@@ -275,8 +367,8 @@ class MarkovMap(FieldMap):
             )
 
     def bytes(self, size: tuple[float, ...], readings: float, lasers: bool = False) -> float:
-        cells = [extent / self.cell for extent in size[:2]]
-        beams = 24.0 * sum(cells) * readings * self.memory if self.memory else 8.0 * prod(cells) ** 2
+        cells = self.cells(size)
+        beams = 24.0 * sum(cells) * readings * self.memory if self.memory else 8.0 * float(prod(cells)) ** 2
         return super().bytes(size, readings) + beams * lasers
 
 

@@ -233,12 +233,9 @@ def derived(scenario: Scenario) -> Iterator[tuple[str, str]]:
         ]
         yield "robots", "; ".join(robots)
     if scenario.maps:
-        width, length = domain.extent[:2]
-        maps = [
-            f"{gas_map.kind} {ceil(width / gas_map.cell - 1e-9)} x {ceil(length / gas_map.cell - 1e-9)} cells"
-            for gas_map in scenario.maps
-        ]
-        yield "maps", "; ".join(maps)
+        sizes = [" x ".join(map(str, gas_map.cells(domain.extent))) for gas_map in scenario.maps]
+        maps = zip(scenario.maps, sizes, strict=True)
+        yield "maps", "; ".join(f"{gas_map.kind} {cells} cells" for gas_map, cells in maps)
 
 
 def _air(scenario: Scenario, whole: float) -> Iterator[tuple[str, str]]:

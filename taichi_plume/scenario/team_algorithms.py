@@ -226,6 +226,8 @@ class LeastKnown(Repelled):
     def _map_of_the_team(self) -> Iterator[str]:
         if self.map.robot is not None:
             yield "map.robot: the map is that of the team; remove it"
+        if getattr(self.map, "layer", None) is not None:
+            yield "map.layer: robots choose places on the floor; remove it"
         if self.criterion not in ("weight", *self.map.gains):
             able = [
                 kind.model_fields["kind"].annotation for kind in TEAM_MAPS if self.criterion in kind.gains

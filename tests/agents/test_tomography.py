@@ -169,7 +169,9 @@ def scenario(sensor, **keys):
             {"name": "mappers", "count": 2, "trials": 2, "reach": 0, "algorithm": {"kind": "random_walk"},
              "start": {"kind": "area", "low": [0.3, 0.3], "high": [3.7, 2.7]}, "sensors": {"gas": sensor}},
         ],
-        "maps": [{"kind": "gmrf", "cell": 0.2, "memory": None}],
+        "maps": [
+            {"kind": "gmrf", "cell": 0.2, "memory": None, "lambda_prior": 0.1, "lambda_observation": 1.0}
+        ],
     } | keys  # fmt: skip
 
 
