@@ -136,6 +136,14 @@ class GasMap:
             row = k * self.depth + ti.math.clamp(layer, 0, self.depth - 1)
         return row
 
+    @ti.func
+    def trial(self, row):
+        """Return the trial of a row."""
+        k = row
+        if ti.static(self.layered):
+            k = row // self.depth
+        return k
+
     def update(self, swarm: Readers, t: float, dt: float) -> None:
         raise NotImplementedError
 

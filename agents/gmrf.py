@@ -265,14 +265,15 @@ def _solve(
     row = np.arange(ny)
     number = row.reshape(section)
     pairs = [(np.moveaxis(number, axis, 0)[:-1], np.moveaxis(number, axis, 0)[1:]) for axis in range(len(section))]
-    across, within = linked[0].reshape(nx - 1, ny), linked[1:]
+    across = linked[0].reshape(nx - 1, ny)
+    within = [-np.moveaxis(each, 1 + axis, 1) for axis, each in enumerate(linked[1:])]
     shape, g, diagonal = g.shape, g.reshape(trials, nx, ny), diagonal.reshape(trials, nx, ny)
     P, y = np.empty((nx, trials, ny, ny)), g.copy()
     for i in range(nx):
         block = np.zeros((trials, ny, ny))
         block[:, row, row] = diagonal[:, i]
-        for axis, (low, high) in enumerate(pairs):
-            block[:, low, high] = block[:, high, low] = -np.moveaxis(within[axis][i], axis, 0)
+        for (low, high), each in zip(pairs, within, strict=True):
+            block[:, low, high] = block[:, high, low] = each[i]
         if i > 0:
             block -= across[i - 1][:, None] * P[i - 1] * across[i - 1]
             y[:, i] += across[i - 1] * _times(P[i - 1], y[:, i - 1])

@@ -57,6 +57,12 @@ class GroupRange:
         return slice(self.start, self.start + self.size)
 
 
+def sensor_heights(groups: Sequence[GroupRange]) -> np.ndarray:
+    """Return the height of each robot's first gas sensor above the lower end of its body [m], (robots,)."""
+    heights = [np.full(group.size, group.model.sensors.nose.height) for group in groups]
+    return np.concatenate([[], *heights])
+
+
 def ranges(groups: Sequence[Group], rivals: bool) -> list[GroupRange]:
     """Return the ranges of the groups in the swarm, in order. rivals: whether each group has trials of its own."""
     result, start, row = [], 0, 0

@@ -167,7 +167,7 @@ class KernelMap(GasMap):
         strips = ti.static(self.weights.shape[0] * self.shape[0] * self.parts)
         ti.loop_config(serialize=ti.static(runs_serially(4 * strips)))
         for row, x, part in ti.ndrange(self.weights.shape[0], self.shape[0], self.parts):
-            k, y0 = row // self.depth, part * STRIP
+            k, y0 = self.trial(row), part * STRIP
             weights = ti.Vector([0.0] * STRIP)
             weighted = ti.Vector([0.0] * STRIP)
             old = ti.Vector([0.0] * STRIP)
@@ -202,7 +202,7 @@ class KernelMap(GasMap):
                 q = self._deviation(k, sample, self._kept_height(k, slot))
                 self.deviation[k, slot] = self._weight_of_age(sample, t) * q
         for row, x, part in ti.ndrange(self.squares.shape[0], self.shape[0], self.parts):
-            k, y0 = row // self.depth, part * STRIP
+            k, y0 = self.trial(row), part * STRIP
             total = ti.Vector([0.0] * STRIP)
             for slot in range(ti.min(self.end[k], self.exact)):
                 sample = _sample(self.kept[k, slot])

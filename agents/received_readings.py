@@ -26,6 +26,7 @@ class ReceivedReadings:
         self.members, self.team_size = swarm.members, swarm.team_size
         self.believed_position = swarm.believed_position
         self.wind = swarm.wind
+        self.flies, self.altitude = swarm.flies, getattr(swarm, "altitude", None)
         everyone = Members(swarm, range(len(swarm.groups)))  # with the indices of the swarm
         self.number = everyone.number
         self.p = Parameters(everyone, Radio.numbers, stream=f"map of robot {robot}")

@@ -8,6 +8,9 @@ from taichi_plume.engine import ti
 class RecordedTeam:
     """Stand-in for a swarm: feeds recorded readings of at most `most` robots to a gas map (see `gas_map.Readers`)."""
 
+    flies = False
+    altitude = None
+
     def __init__(self, most: int):
         self.believed_position = ti.vector_field(2, ti.f32, most)
         self.wind = ti.vector_field(2, ti.f32, most)

@@ -14,7 +14,8 @@ capabilities", ICRA 2013, doi:10.1109/ICRA.2013.6630902. Smoothing by links that
 those of `gmrf`; the combination is ours.
 
 Beams start at the believed pose of the robot and have the measured length. On a map of the floor the gas counts as
-equal at all heights: a tilted beam has its whole length in the cells below it.
+equal at all heights: a tilted beam has its whole length in the cells below it. On a map with layers a beam that leaves
+the layers does not count.
 """
 
 from typing import Any, Protocol
@@ -57,20 +58,32 @@ class BeamMap(MarkovMap):
         self.robot = self.lasers.members.robot.to_numpy()
         self.running: list[list[np.ndarray]] = []
         self.settled: list[np.ndarray] = []
-        self.extents = np.array(floor.extent)
+        self.low, self.high, self.edges = np.zeros(2), np.array(floor.extent), np.full(2, model.cell)
+        if self.levels:
+            low, layer, _ = self.levels
+            self.low, self.high = np.append(self.low, low), np.append(self.high, self.levels.high)
+            self.edges = np.append(self.edges, layer)
+            self.heights = np.asarray(floor.sensor_height, float)
 
     def _collect(self, swarm: Readers) -> None:
         members, size = swarm.members.to_numpy(), swarm.team_size.to_numpy()
         trial, number = np.nonzero(np.arange(members.shape[1]) < size[:, None])
         robot = members[trial, number]
         start, reading = swarm.believed_position.to_numpy().astype(float), swarm.reading.to_numpy().astype(float)
+        if self.levels:
+            altitude = swarm.altitude.to_numpy() if swarm.flies else 0.0
+            start = np.column_stack([start, self.heights + altitude])
+        dim = len(self.low)
         way, factor = np.zeros_like(start), np.ones(len(start))
         beam = self.lasers.beam_way.to_numpy().astype(float)
         length = np.linalg.norm(beam, axis=-1)
-        start[self.robot] = self.lasers.beam_start.to_numpy()[:, :2]
-        way[self.robot], factor[self.robot] = beam[:, :2], length
+        start[self.robot] = self.lasers.beam_start.to_numpy()[:, :dim]
+        way[self.robot], factor[self.robot] = beam[:, :dim], length
         reading[self.robot] *= np.where(self.lasers.gives_mean, length, 1.0)
-        counted = np.isfinite(reading) & ((start >= 0.0) & (start <= self.extents)).all(axis=-1)
+        counted = np.isfinite(reading) & ((start >= self.low) & (start <= self.high)).all(axis=-1)
+        if self.levels:  # the integral has the gas beyond the layers too
+            end = start[:, 2] + way[:, 2]
+            counted &= (end > self.low[2] - SHORTEST) & (end < self.high[2] + SHORTEST)
         counted[self.robot] &= (self.lasers.beam_is_new.to_numpy() == 1) & (length > SHORTEST)
         trial, robot = trial[counted[robot]], robot[counted[robot]]
         if len(robot):
@@ -84,7 +97,7 @@ class BeamMap(MarkovMap):
         self._solved = None
         if self.running:
             trial, start, way, factor, reading = map(np.concatenate, zip(*self.running, strict=True))
-            row, cell, share = cell_shares(start, way, self.shape, self.cell)
+            row, cell, share = cell_shares(start - self.low, way, self.counted_in.shape, self.edges)
             cell = self.counted_in.ravel()[cell] + trial[row] * self.counted_in.size
             self.past.append([time, row, cell, share * factor[row], reading])
             self.running = []
@@ -114,34 +127,34 @@ class BeamMap(MarkovMap):
     def _solve(self) -> list[np.ndarray]:
         lambda_observation = self.model.lambda_observation
         smooth = laplacian(self.links, self.prior).toarray()
-        mean, variance = np.full((2, self.trials, *self.shape), np.nan)
+        mean, variance = np.full((2, self.trials, *self.region.shape), np.nan)
         for k in range(self.trials):
             gram, moment, length = self._sums(k)
-            known = np.isin(self.region, self.region[length.reshape(self.shape) > 0])
+            known = np.isin(self.region, self.region[length.reshape(self.region.shape) > 0])
             H = lambda_observation * gram + smooth + np.diag(~known.ravel())
             inverse, _ = dpotri(dpotrf(H, lower=True, overwrite_a=True)[0], lower=True, overwrite_c=True)
             inverse += np.tril(inverse, -1).T
-            mean[k][known] = (inverse @ (lambda_observation * moment)).reshape(self.shape)[known]
-            variance[k][known] = np.diag(inverse).reshape(self.shape)[known]
+            mean[k][known] = (inverse @ (lambda_observation * moment)).reshape(known.shape)[known]
+            variance[k][known] = np.diag(inverse).reshape(known.shape)[known]
         return [mean, variance]
 
 
 def cell_shares(
-    start: np.ndarray, way: np.ndarray, shape: tuple[int, ...], cell: float
+    start: np.ndarray, way: np.ndarray, shape: tuple[int, ...], edges: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return which part of each beam lies in which cell: numbers of beams, flat cells, and fractions, (m,) each.
 
-    start, way: starts of the beams and vectors to their ends (n, dim) [m]; cell: edge of the cells [m].
+    start, way: starts of the beams and vectors to their ends (n, dim) [m]; edges: of the cells, by axis (dim,) [m].
     """
     crossings = [np.zeros((len(start), 1)), np.ones((len(start), 1))]
     for axis, count in enumerate(shape):
-        plane = np.arange(1, count) * cell
+        plane = np.arange(1, count) * edges[axis]
         along = np.where(way[:, axis] == 0.0, np.inf, way[:, axis])[:, None]
         crossings.append(np.clip((plane - start[:, axis, None]) / along, 0.0, 1.0))
     s = np.sort(np.concatenate(crossings, axis=1), axis=1)
     share = np.diff(s, axis=1)
     beam, part = np.nonzero(share > 1e-9)
     middle = 0.5 * (s[beam, part] + s[beam, part + 1])
-    at = np.floor((start[beam] + middle[:, None] * way[beam]) / cell).astype(int)
+    at = np.floor((start[beam] + middle[:, None] * way[beam]) / edges).astype(int)
     at = np.clip(at, 0, np.array(shape) - 1)
     return beam, np.ravel_multi_index(tuple(at.T), shape), share[beam, part]

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from taichi_plume.agents.swarm import Swarm
     from taichi_plume.files.gaden import Cubes
     from taichi_plume.grid.shapes import Shape
+    from taichi_plume.scenario.maps import Levels
 
 
 class UnstableError(RuntimeError):
@@ -64,12 +65,13 @@ class Team(Protocol):
 class Mapper(Protocol):
     """Protocol of an online gas map over all trials.
 
-    cell: edge of the cells [m]. window: length of the snapshots that are forecast [s]; None without forecasts. errors:
+    cell: edge of the cells [m]. levels: layers of a map in three dimensions, None on the floor. window: length of the snapshots that are forecast [s]; None without forecasts. errors:
     (time [s], mean error [ppm] (trials,)) of each forecast that was compared with later readings. Methods that estimate
     their variance are `Uncertain`.
     """
 
     cell: float
+    levels: "Levels | None"
     window: float | None
     errors: Series
 
@@ -78,7 +80,9 @@ class Mapper(Protocol):
         ...
 
     def estimate(self) -> np.ndarray:
-        """Return the estimated concentration [ppm], (trials, nx, ny); NaN in unknown cells."""
+        """Return the estimated concentration [ppm], (trials, nx, ny), with layers (trials, nx, ny, nz); NaN in unknown
+        cells.
+        """
         ...
 
     def weight(self) -> np.ndarray:

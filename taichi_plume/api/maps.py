@@ -93,6 +93,12 @@ def maps(
         readings = Run(readings) if is_run(readings) else readings
     if isinstance(readings, Run):
         scenario = readings.scenario
+        for robots in scenario.robots:
+            if robots.sensors.nose.integrates and group in (None, robots.name):
+                raise ReadingsError(
+                    f"the readings of '{robots.name}' are integrals along the beams of lasers, which a log does not have; "
+                    "map them in the run, by maps: [{kind: gmrf}] in its scenario"
+                )
         width, length = scenario.domain.extent[:2]
         floor = floor or (width - corner[0], length - corner[1])
         if places is None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from taichi_plume.agents.gas_classes import classifiers
 from taichi_plume.agents.gas_map import Floor
-from taichi_plume.agents.groups import GroupRange
+from taichi_plume.agents.groups import GroupRange, sensor_heights
 from taichi_plume.agents.line_sensors import Surroundings
 from taichi_plume.agents.mapping import mappers
 from taichi_plume.agents.placement import Placed, place, placed
@@ -149,6 +149,9 @@ def build(
         clearance.obstacle_distance_at,
         scenario.passes_edge,
         sensors.lasers,
+        grid.extent,
+        clearance.solid_distance_at,
+        sensor_heights(swarm.groups),
     )
     maps = mappers(scenario.maps, mapped)
     makers = {gas_map.robot for gas_map in scenario.maps if gas_map.robot is not None}

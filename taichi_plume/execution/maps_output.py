@@ -84,17 +84,19 @@ class MapsFile:
 def _map_variables(series: MapSeries) -> dict[str, np.ndarray]:
     """Return the stored arrays of a gas or wind map by variable name: estimate, weight, truth, coordinates and more."""
     estimate = np.asarray(series.map.estimate(), np.float32)
-    trials, nx, ny, *components = estimate.shape
+    trials, nx, ny = estimate.shape[:3]
+    wind, levels = series.quantity == "wind", series.levels
     cells = {"estimate": estimate, "weight": np.asarray(series.map.weight(), np.float32)}
     if isinstance(series.map, Uncertain):
         cells["variance"] = np.asarray(series.map.variance(), np.float32)
     cells["truth"] = np.broadcast_to(series.truth.astype(np.float32), estimate.shape)
     return {
         "trial": np.arange(trials, dtype=np.int32),
+        **({"z": levels.middle} if levels else {}),
         "y": (np.arange(ny) + 0.5) * series.cell,
         "x": (np.arange(nx) + 0.5) * series.cell,
-        **{name: np.ascontiguousarray(values.swapaxes(1, 2)) for name, values in cells.items()},
-        **({"component": np.arange(2, dtype=np.int32)} if components else {}),
+        **{name: np.ascontiguousarray(values.swapaxes(1, 3 if levels else 2)) for name, values in cells.items()},
+        **({"component": np.arange(2, dtype=np.int32)} if wind else {}),
         "measurable": series.measurable.T.astype(np.int8),
     }
 

@@ -175,10 +175,11 @@ def _map(sim: TimeLoop, n: int, series: MapSeries | None) -> Json:
     gas_map = sim.maps[n]
     model = sim.scenario.maps[n]
     estimate = np.asarray(gas_map.estimate())
-    measurable = scores.measurable(sim, gas_map.cell, estimate.shape[1:3])
+    levels = gas_map.levels
+    measurable = scores.measurable(sim, gas_map.cell, estimate.shape[1:3], levels)
     forecast = model.measures == "gas"
     if forecast:
-        truth = scores.true_gas(sim, gas_map.cell, estimate.shape[1:])
+        truth = scores.true_gas(sim, gas_map.cell, estimate.shape[1:3], levels)
         score = scores.map_score(estimate, np.where(measurable, truth, np.nan))
         per_trial = {
             "mae_ppm": score.mae,
@@ -203,6 +204,8 @@ def _map(sim: TimeLoop, n: int, series: MapSeries | None) -> Json:
             }
         )
     about: Json = {"kind": model.kind, "cell_m": gas_map.cell}
+    if levels:
+        about |= {"layer_m": levels.layer, "heights_m": [levels.low, levels.high]}
     if model.robot is not None:
         about["robot"] = model.robot
     if len(parts) == 1:

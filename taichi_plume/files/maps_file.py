@@ -10,6 +10,9 @@ float32 in the order (trial, y, x), NaN where nothing is known:
     truth       [ppm]   mean of the gas since the robots started, at the height of their sensors; equal in all trials
     measurable  1 where a robot could be; without trial
 
+A map with layers has its variables, measurable too, in the order (trial, z, y, x). Its truth is the gas over the height
+of each layer.
+
 A map of the wind has estimate, variance and truth (the mean wind since the robots started, at the height of their
 anemometers) in the order (trial, y, x, component), in m/s and m²/s²; component 0 is along x, 1 along y.
 
@@ -43,8 +46,10 @@ Part = tuple[str, dict[str, object], dict[str, np.ndarray]]
 FORMAT = "taichi_plume maps 2"
 PART = "maps.part"  # name while the file is written
 WHOLE = ("trial", "y", "x")
+LAYERS = ("trial", "z", "y", "x")
 MEANING = {
     "trial": ("1", "number of the trial", ()),
+    "z": ("m", "z of the cell centres", ()),
     "y": ("m", "y of the cell centres", ()),
     "x": ("m", "x of the cell centres", ()),
     "estimate": ("ppm", "estimated concentration", WHOLE),
@@ -80,8 +85,10 @@ def write(path: Path, facts: Mapping[str, object], parts: Sequence[Part]) -> Non
             meanings = OF_WIND if "component" in variables else MEANING
             for name, values in variables.items():
                 units, meaning, dimensions = meanings[name]
+                if "z" in variables and "y" in dimensions:
+                    dimensions = tuple(each for each in LAYERS if each in (*dimensions, "z"))
                 about = {"units": units, "long_name": meaning}
-                about |= {"axis": name.upper()} if name in ("x", "y") else {}
+                about |= {"axis": name.upper()} if name in ("x", "y", "z") else {}
                 zarr_groups.add(group, name, dimensions or (name,), values, about)
             zarr_groups.consolidate(part, place)
         zarr_groups.consolidate(part)
@@ -125,7 +132,7 @@ def read(path: Path) -> "list[xarray.Dataset]":
     with opened(path) as groups:
         maps = [_loaded(path, group) for group in groups]
         for n, gas_map in enumerate(maps):
-            if gas_map["estimate"].dims not in (WHOLE, VECTORS):
+            if gas_map["estimate"].dims not in (WHOLE, VECTORS, LAYERS):
                 raise ValueError(f"map {n} has an estimate of {gas_map['estimate'].dims}")
     return maps
 

@@ -138,3 +138,9 @@ class ClearanceMap(HorizontalDistances):
         size = (float(high[0]) - float(low[0]), float(high[1]) - float(low[1]))
         resolution = resolution or clearance_resolution(size)
         super().__init__(shapes, low, high, resolution, [(base, base + body_height)])
+        self.shapes = shapes
+
+    def solid_distance_at(self, points: np.ndarray) -> np.ndarray:
+        """Return the distance [m] from points (..., 3) to obstacles, negative inside."""
+        distances = [shape.signed_distance(points) for shape in self.shapes]
+        return np.min(distances, axis=0) if distances else np.full(np.shape(points)[:-1], FAR)

@@ -7,6 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+SLICES = 4  # layers of a map that pictures show
+
 
 def logarithmic(values: np.ndarray, low: float, high: float) -> np.ndarray:
     """Return the position of `values` on a logarithmic scale from `low` (0) to `high` (1); NaN stays NaN."""
@@ -66,3 +68,8 @@ class Scale:
         step = rounded_up((self.high - self.low) / 7, (1.0, 2.0, 5.0))
         values = np.arange(ceil(self.low / step - 1e-9), floor(self.high / step + 1e-9) + 1) * step
         return [((value - self.low) / (self.high - self.low), f"{value:.6g}") for value in values.tolist()]
+
+
+def slices(count: int, most: int = SLICES) -> list[int]:
+    """Return the indices of at most `most` of `count` layers, the lowest and the highest among them, for pictures."""
+    return sorted({round(k) for k in np.linspace(0, count - 1, min(count, most))})

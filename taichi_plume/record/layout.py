@@ -10,6 +10,7 @@ import rerun.blueprint as rrb
 from taichi_plume.files.run_tables import title_of
 from taichi_plume.observed.planes import Plane
 from taichi_plume.observed.quantities import ABOVE, Quantity
+from taichi_plume.observed.scales import slices
 from taichi_plume.record import drawing
 from taichi_plume.record.drawing import TIME
 from taichi_plume.record.legends import TICKS, TITLE
@@ -17,7 +18,7 @@ from taichi_plume.record.placement import Stage, placed
 from taichi_plume.record.scene import beside
 from taichi_plume.scoring.beliefs import believers
 from taichi_plume.scoring.declarations import may_declare
-from taichi_plume.time_loop import TimeLoop, Uncertain
+from taichi_plume.time_loop import Mapper, TimeLoop, Uncertain
 
 if TYPE_CHECKING:
     from taichi_plume.record.tracks import Robot
@@ -284,17 +285,22 @@ class Layout:
         panel = Panel.of(wide / 2, tall, bars=2)
         species = " + ".join(gas.name for gas in self.sim.gas.species)
         maps = []
-        for n, gas_map in enumerate(self.sim.scenario.maps):
+        parts = [
+            (gas_map, *part)
+            for n, gas_map in enumerate(self.sim.scenario.maps)
+            for part in map_parts(n, self.sim.maps[n])
+        ]
+        for gas_map, entity, _, height in parts:
             pictures = {}
             is_wind = gas_map.measures == "wind"
             for what, title in (WIND_MAP_NAMES if is_wind else MAP_NAMES).items():
                 legend = "wind/map" if is_wind else what
-                pictures[what] = self._map(title, f"/maps/{n}/{what}", legend, panel)
+                pictures[what] = self._map(title, f"/{entity}/{what}", legend, panel)
             truth = pictures.pop("truth")
             name = (
                 gas_map.kind.replace("_", " ")
                 if is_wind
-                else f"{species.capitalize()} map: {gas_map.kind.replace('_', ' ')}"
+                else f"{species.capitalize()} map: {gas_map.kind.replace('_', ' ')}{height}"
             )
             beside = rrb.Horizontal(rrb.Tabs(*pictures.values(), active_tab=0), rrb.Tabs(truth), name=name)
             maps.append(beside)
@@ -313,6 +319,16 @@ class Layout:
         contents = ["/world/**", "- /world/walls", *self.unnamed, *self.robots]
         contents += [entity, f"/legend/{legend}/**", f"- /legend/{legend}/title"]
         return self._view(name, contents, self._floor(0.0, panel), panel, 90.0)
+
+
+def map_parts(n: int, gas_map: Mapper) -> list[tuple[str, int | None, str]]:
+    """Return the shown parts of map n: path of the pictures, layer and text of the height, of a map without layers None
+    and "".
+    """
+    if gas_map.levels is None:
+        return [(f"maps/{n}", None, "")]
+    middle = gas_map.levels.middle
+    return [(f"maps/{n}/{k}", k, f", z = {middle[k]:.3g} m") for k in slices(len(middle))]
 
 
 def trail(sim: TimeLoop, robots: int) -> float | None:

@@ -38,8 +38,9 @@ class MapPictures:
         whose = f", {made_by[0][0]}" if len(made_by) > 1 else ""  # the first trial belongs to the first rival
         for n, gas_map in self.maps.items():
             stream.log_still(self._styles(n, sim.scenario.maps[n].kind.replace("_", " ") + whose))
-            blank = _blank(np.shape(gas_map.estimate())[1:], gas_map.cell, (0, 0), stage)
-            stream.log_still([(f"maps/{n}/{name}", blank) for name in scene.ESTIMATES])
+            blank = _blank(np.shape(gas_map.estimate())[1:3], gas_map.cell, (0, 0), stage)
+            for entity, _, _ in layout.map_parts(n, gas_map):
+                stream.log_still([(f"{entity}/{name}", blank) for name in scene.ESTIMATES])
 
     def _styles(self, n: int, name: str) -> scene.Entities:
         """Yield the colours and labels of the lines that show the scores of gas map n over time."""
@@ -67,10 +68,12 @@ class MapPictures:
                 "weight": np.where(weight > 0, weight, np.nan),
                 "error": np.maximum(estimate, low) / np.maximum(truth, low),
             }
-            for name, scale in self.scales.items():
-                colors = self.colors[name][scale.bytes(values[name])]
-                colors[~np.isfinite(values[name])] = 0
-                self.stream.picture(sim.t, f"maps/{n}/{name}", drawing.rows(colors))
+            for entity, layer, _ in layout.map_parts(n, gas_map):
+                for name, scale in self.scales.items():
+                    shown = values[name] if layer is None else values[name][..., layer]
+                    colors = self.colors[name][scale.bytes(shown)]
+                    colors[~np.isfinite(shown)] = 0
+                    self.stream.picture(sim.t, f"{entity}/{name}", drawing.rows(colors))
             self._send_scores(n)
 
     def _send_scores(self, n: int) -> None:

@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple, TypeVar
 import numpy as np
 from matplotlib.patches import Rectangle
 
-from taichi_plume.observed.scales import logarithmic, rounded_up
+from taichi_plume.observed.scales import logarithmic, rounded_up, slices
 from taichi_plume.record.drawing import DENSITIES
 from taichi_plume.report import theme
 from taichi_plume.results.run import Run
@@ -52,8 +52,10 @@ class BeliefAtEnd(NamedTuple):
 
 
 def maps_of(folder: Path) -> list[MapAtEnd]:
-    """Return the gas maps of a run's first trial from the run folder; [] if there are none. Raises RunFolderError."""
-    return _read(folder, "maps", _map)
+    """Return the gas maps of a run's first trial from the run folder, of a map with layers some of them; [] if
+    there are none. Raises RunFolderError.
+    """
+    return [each for layers in _read(folder, "maps", _map) for each in layers]
 
 
 def beliefs_of(folder: Path) -> list[BeliefAtEnd]:
@@ -72,14 +74,21 @@ def _read(folder: Path, kind: Literal["maps", "beliefs"], make: Callable[[Any], 
         return [make(group) for group in groups]
 
 
-def _map(group: Any) -> MapAtEnd:
+def _map(group: Any) -> list[MapAtEnd]:
     kind, x = str(group.attributes["kind"]).replace("_", " "), group["x"][:]
     estimate, truth = np.asarray(group["estimate"][0], float), np.asarray(group["truth"][0], float)
-    if estimate.ndim != 2 + ("component" in group.names) or estimate.shape != truth.shape:
+    heights = group["z"][:] if "z" in group.names else []
+    if estimate.ndim != 2 + ("component" in group.names or len(heights) > 0) or estimate.shape != truth.shape:
         raise ValueError(f"map {group.name} has an estimate of {estimate.shape}")
     made_by = json.loads(group.attributes["groups"])  # the first trial belongs to the first rival
     whose = f" of {made_by[0]['names'][0]}" if len(made_by) > 1 else ""
-    return MapAtEnd(f"{kind} map{whose}", 2.0 * float(x[0]), estimate, truth)
+    name, cell = f"{kind} map{whose}", 2.0 * float(x[0])
+    if len(heights) == 0:
+        return [MapAtEnd(name, cell, estimate, truth)]
+    return [
+        MapAtEnd(f"{name}, z = {heights[k]:.3g} m", cell, estimate[k], truth[k])
+        for k in slices(len(heights))
+    ]
 
 
 def _belief(group: Any) -> BeliefAtEnd:

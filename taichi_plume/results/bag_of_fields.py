@@ -109,16 +109,21 @@ def maps_of(run: Run, trial: int) -> Iterator[tuple[str, "xarray.Dataset", int]]
 
 
 def maps_at_end(run: Run, trial: int, frame: MapFrame) -> Iterator[Stamped]:
-    """Yield each final gas map of a trial as ROS messages: an occupancy grid in percent of the peak, a point cloud."""
+    """Yield each final gas map of a trial as ROS messages: an occupancy grid in percent of the peak, of a map with
+    layers its largest value over the height, and a point cloud.
+    """
     for name, gas_map, row in maps_of(run, trial):
         estimate = gas_map["estimate"].values[row].astype(float)
         known = np.isfinite(estimate)
         peak = np.max(estimate, where=known, initial=0.0)
-        share = np.clip(np.where(known, estimate, 0.0) / (peak or 1.0), 0.0, 1.0)
+        share = np.round(100 * np.clip(np.where(known, estimate, 0.0) / (peak or 1.0), 0.0, 1.0))
         t, cell = float(gas_map.attrs["t_s"]), float(gas_map.attrs["cell"])
-        yield t, name, frame.grid(np.where(known, np.round(100 * share), -1), cell, 0.0, t)
-        x, y = np.meshgrid(gas_map["x"].values, gas_map["y"].values)
+        seen = np.where(known, share, -1)
+        yield t, name, frame.grid(seen.max(axis=0) if "z" in gas_map else seen, cell, 0.0, t)
+        heights = gas_map["z"].values if "z" in gas_map else [0.0]
+        z, y, x = np.meshgrid(heights, gas_map["y"].values, gas_map["x"].values, indexing="ij")
         cells = {"ppm": "estimate", "weight": "weight", "variance": "variance", "truth": "truth"}
-        columns = {"x": x, "y": y, "z": np.zeros_like(x)}
+        columns = {"x": x, "y": y, "z": z}
+        columns = {axis: values.reshape(known.shape) for axis, values in columns.items()}
         columns |= {column: gas_map[key].values[row] for column, key in cells.items() if key in gas_map}
         yield t, f"{name}/cells", frame.cloud({key: values[known] for key, values in columns.items()}, t)

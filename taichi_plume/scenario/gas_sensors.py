@@ -76,6 +76,11 @@ class GasSensor(Model):
         return self.weight(species) * ppm
 
     @property
+    def integrates(self) -> bool:
+        """Whether the readings are integrals along a beam [ppm m], not values at a point [ppm]."""
+        return False
+
+    @property
     def bends_at(self) -> float:
         """Reading c0 [ppm] of a signal that is linear in ln(1 + reading / c0); 0 if it is linear in the reading."""
         return 0.0
@@ -209,6 +214,10 @@ class TdlasSensor(GasSensor):
     @property
     def signal(self) -> Signal:
         return Signal(*self._lags(TDLAS_LAG, TDLAS_LAG), noise=self.noise_ppm_m)
+
+    @property
+    def integrates(self) -> bool:
+        return self.gives == "integral"
 
     def weight(self, species: str) -> float:
         return float(species == self.species)

@@ -69,8 +69,7 @@ class AnyMap(Model):
 
         if self.measures == "gas" and self.kind != "gmrf":
             for n, group in enumerate(context.scenario.robots):
-                sensor = group.sensors.nose
-                if sensor.kind == "tdlas" and sensor.gives == "integral":
+                if group.sensors.nose.integrates:
                     yield (
                         f"{where}.kind: {self.kind} takes readings in ppm, and the laser of robots[{n}] gives the "
                         "integral along its beam; use kind: gmrf, or gives: mean for readings at the robot"

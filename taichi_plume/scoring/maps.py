@@ -21,6 +21,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from taichi_plume.agents.groups import sensor_heights
 from taichi_plume.grid.series import Series
 from taichi_plume.scoring import trials as scores
 from taichi_plume.time_loop import Every, TimeLoop
@@ -45,11 +46,12 @@ class MapSeries:
         self.map = sim.maps[number]
         self.cell, self.period = self.map.cell, self.map.window or scores.PERIOD
         trials, nx, ny, *components = np.shape(self.map.estimate())
-        self.shape = (nx, ny)
+        self.shape, self.levels = (nx, ny), self.map.levels
         self.scenario = sim.scenario
         groups = sim.swarm.groups if sim.swarm.count else []
         self.extent = (sim.grid.extent[0], sim.grid.extent[1])
-        self.measurable = scores.measurable(sim, self.cell, self.shape)
+        self.measurable = scores.measurable(sim, self.cell, self.shape, self.levels)
+        self.heights = sensor_heights(groups)
         trial = [np.repeat(group.row + np.arange(group.trials), group.count) for group in groups]
         self.trial = np.concatenate([[], *trial]).astype(int)
         beams = sim.scenario.maps[number].kind == "gmrf"
@@ -66,7 +68,7 @@ class MapSeries:
 
     @property
     def truth(self) -> np.ndarray:
-        """Time average of the true gas [ppm], (nx, ny), or of the wind [m/s], (nx, ny, 2)."""
+        """Time average of the true gas [ppm], (nx, ny) or (nx, ny, nz), or of the wind [m/s], (nx, ny, 2)."""
         return self.sum / max(1, self.looks)
 
     @property
@@ -95,9 +97,12 @@ class MapSeries:
         self.looks += 1
         if self.expected and len(self.trial):
             now = sim.swarm.snapshot()
-            expects = scores.Prediction(self.expected[0], self.expected[1], self.cell, self.extent)
+            expects = scores.Prediction(*self.expected, self.cell, self.extent, self.levels)
+            place = now["believed_position"]
+            if self.levels:
+                place = np.column_stack([place, self.heights + now.get("altitude", 0.0)])
             reading = np.where(self.at_point, now["above_ppm"], np.nan)  # a beam is not at a point
-            self._add_surprise(expects.surprise(self.trial, now["believed_position"], reading))
+            self._add_surprise(expects.surprise(self.trial, place, reading))
         if int((sim.t + 1e-6) / self.period) > self.ended:
             self.ended = int((sim.t + 1e-6) / self.period)
             self._score(sim.t)
@@ -119,7 +124,8 @@ class MapSeries:
         """Return the scores at time t [s], (names, trials), and predict the readings until the next ones."""
         estimate = np.asarray(self.map.estimate())
         score = scores.map_score(estimate, np.where(self.measurable, self.truth, np.nan))
-        peak = scores.peak_distance(estimate, self.cell, scores.present(self.scenario, t))
+        sources = scores.present(self.scenario, t, dim=3 if self.levels else 2)
+        peak = scores.peak_distance(estimate, self.cell, sources, self.levels)
         found = np.stack([score.mae, score.correlation, peak, scores.mean_of(*self.surprise)])
         self.surprise = np.zeros_like(self.surprise)
         expects = scores.Prediction.of(self.map, self.extent)
@@ -155,7 +161,7 @@ class MapScores:
     def sample(self, sim: TimeLoop) -> None:
         truths: dict[tuple, np.ndarray] = {}  # maps often share their cells
         for series in self.series:
-            cells = (type(series), series.cell, series.shape)
+            cells = (type(series), series.cell, series.shape, *([series.levels] if series.levels else []))
             if cells not in truths:
                 truths[cells] = series.true(sim, *cells[1:])
             series.sample(sim, truths[cells])

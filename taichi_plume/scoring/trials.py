@@ -7,9 +7,11 @@ from math import ceil, exp, inf, nan, sqrt
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
+from taichi_plume.agents.gas_map import cell_centers
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.grid import fields
 from taichi_plume.grid.grid import block_mean, centers
+from taichi_plume.scenario.maps import Levels
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.declarations import (
     OUTCOMES,
@@ -23,6 +25,7 @@ from taichi_plume.time_loop import Mapper, TimeLoop, Uncertain
 
 SENSORS = 0.1  # m, default height of sensors
 SAMPLES = 4  # largest number of samples per axis of a map cell
+HEIGHTS = 2  # largest number of samples over the height of a layer
 PERIOD = 5.0  # s, time between scores of a map that has no snapshots
 SUMS = ("acquisitions", "hits", "bumps", "pushes", "pinned_s")
 """Columns of robots that are summed over a team; pushes and pinned_s exist only where obstacles move."""
@@ -42,11 +45,22 @@ class MapScore:
     known: np.ndarray
 
 
-def true_gas(sim: TimeLoop, cell: float, shape: tuple[int, int]) -> np.ndarray:
+def true_gas(
+    sim: TimeLoop, cell: float, shape: tuple[int, int], levels: Levels | None = None
+) -> np.ndarray:
     """Return the mean true concentration above the background [ppm] of each map cell at the height of the gas sensors,
-    (nx, ny).
+    (nx, ny), or over the height of each layer, (nx, ny, nz).
     """
-    points, n = _points(sim, cell, shape, sensor_height(sim))
+    if levels is None:
+        return _gas_at(sim, cell, shape, sensor_height(sim))
+    m = min(HEIGHTS, max(1, ceil(levels.layer / sim.grid.dx - 1e-9)))
+    heights = np.minimum(levels.low + (np.arange(levels.count * m) + 0.5) * levels.layer / m, sim.grid.extent[2])
+    sections = np.stack([_gas_at(sim, cell, shape, z) for z in heights], axis=-1)
+    return block_mean(sections, (1, 1, m))
+
+
+def _gas_at(sim: TimeLoop, cell: float, shape: tuple[int, int], height: float) -> np.ndarray:
+    points, n = _points(sim, cell, shape, height)
     ppm = fields.excess_at(sim.gas, points, sim.t).sum(axis=-1)
     return block_mean(ppm, n)
 
@@ -72,9 +86,17 @@ def _points(sim: TimeLoop, cell: float, shape: tuple[int, int], height: float) -
     return points, n
 
 
-def measurable(sim: TimeLoop, cell: float, shape: tuple[int, int]) -> np.ndarray:
-    """Return a mask (nx, ny) of map cells whose centre robots can reach: in the arena, outside of fixed obstacles."""
-    return sim.swarm.clearance.distance_at(centers(shape, cell)) > 0.0
+def measurable(
+    sim: TimeLoop, cell: float, shape: tuple[int, int], levels: Levels | None = None
+) -> np.ndarray:
+    """Return a mask (nx, ny) or (nx, ny, nz) of map cells whose centre robots can reach: in the arena, outside of fixed
+    obstacles.
+    """
+    clearance, place = sim.swarm.clearance, cell_centers(shape, cell, levels)
+    if levels is None:
+        return clearance.distance_at(place) > 0.0
+    inside = ((place[..., :2] > clearance.low) & (place[..., :2] < clearance.high)).all(axis=-1)
+    return inside & (place[..., 2] < sim.grid.extent[2]) & (clearance.solid_distance_at(place) > 0.0)
 
 
 def sensor_height(sim: TimeLoop) -> float:
@@ -98,7 +120,8 @@ def map_rows(sim: TimeLoop) -> list[tuple[tuple[str, ...], slice]]:
 
 
 def map_score(estimate: np.ndarray, truth: np.ndarray) -> MapScore:
-    """Return the score of estimates (trials, nx, ny) [ppm], NaN where unknown, against the truth (nx, ny) [ppm].
+    """Return the score of estimates (trials, nx, ny, ...) [ppm], NaN where unknown, against the truth (nx, ny, ...)
+    [ppm].
 
     Cells where the truth is NaN do not count.
     """
@@ -133,30 +156,33 @@ def wind_score(estimate: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.
     return error, direction, number / max(1, np.isfinite(truth[..., 0]).sum())
 
 
-def peak_distance(estimate: np.ndarray, cell: float, sources: np.ndarray) -> np.ndarray:
-    """Return the distance (trials,) [m] from each map's peak to the nearest source; estimate (trials, nx, ny).
+def peak_distance(
+    estimate: np.ndarray, cell: float, sources: np.ndarray, levels: Levels | None = None
+) -> np.ndarray:
+    """Return the distance (trials,) [m] from each map's peak to the nearest source; estimate (trials, nx, ny), with
+    layers (trials, nx, ny, nz).
 
-    sources: (m, 2) [m]. NaN for a map without gas, or without sources.
+    sources: (m, 2) or, with layers, (m, 3) [m]. NaN for a map without gas, or without sources.
     """
-    trials, _, ny = estimate.shape
-    estimate = np.nan_to_num(estimate).reshape(trials, -1)
-    peak = estimate.argmax(axis=1)
-    place = (np.stack([peak // ny, peak % ny], axis=-1) + 0.5) * cell
+    places = cell_centers(estimate.shape[1:], cell, levels)
+    estimate = np.nan_to_num(estimate).reshape(len(estimate), -1)
+    place = places.reshape(-1, places.shape[-1])[estimate.argmax(axis=1)]
     apart = np.linalg.norm(place[:, None] - sources, axis=-1).min(axis=1, initial=np.inf)
     return np.where((estimate.max(axis=1) > 0.0) & np.isfinite(apart), apart, np.nan)
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Prediction of readings by a gas map: mean [ppm] and variance [ppm²] in each cell, (trials, nx, ny).
+    """Prediction of readings by a gas map: mean [ppm] and variance [ppm²] in each cell, (trials, nx, ny, ...).
 
-    cell: edge of the cells; extent: size of the floor [m].
+    cell: edge of the cells; extent: size of the floor [m]; levels: layers of the map.
     """
 
     mean: np.ndarray
     variance: np.ndarray
     cell: float
     extent: tuple[float, float]
+    levels: Levels | None = None
 
     @classmethod
     def of(cls, gas_map: Mapper, extent: tuple[float, float]) -> "Prediction | None":
@@ -164,15 +190,20 @@ class Prediction:
         if not isinstance(gas_map, Uncertain):
             return None
         variance = np.asarray(gas_map.variance(), float) + gas_map.noise
-        return cls(np.asarray(gas_map.estimate(), float), variance, gas_map.cell, extent)
+        return cls(np.asarray(gas_map.estimate(), float), variance, gas_map.cell, extent, gas_map.levels)
 
     def surprise(self, trial: np.ndarray | int, place: np.ndarray, reading: np.ndarray) -> np.ndarray:
-        """Return the negative log likelihood (normal density) of readings (n,) [ppm] at points (n, 2) [m] in trials.
+        """Return the negative log likelihood (normal density) of readings (n,) [ppm] at points (n, 2) [m] in trials;
+        with layers points are (n, 3).
 
         trial: indices (n,), or one for all. NaN for readings off the floor or not finite, and where nothing was known.
         """
-        on = ((place >= 0.0) & (place <= self.extent)).all(axis=1) & np.isfinite(reading)
-        cell = np.where(on[:, None], place / self.cell, 0.0).astype(int)
+        low, high, edges = 0.0, self.extent, self.cell
+        if self.levels:
+            low, high = np.array([0.0, 0.0, self.levels.low]), (*high, self.levels.high)
+            edges = np.array([edges, edges, self.levels.layer])
+        on = ((place >= low) & (place <= high)).all(axis=1) & np.isfinite(reading)
+        cell = np.where(on[:, None], (place - low) / edges, 0.0).astype(int)
         at = trial, *np.minimum(cell, np.array(self.mean.shape[1:]) - 1).T
         mean, variance = self.mean[at], self.variance[at]
         counted = on & np.isfinite(mean) & (variance > 0)
@@ -294,9 +325,9 @@ def end(sim: TimeLoop, group: GroupRange) -> float:
     return group.model.time(sim.scenario.duration if whole else sim.t)
 
 
-def present(scenario: Scenario, t: float) -> np.ndarray:
-    """Return the positions on the floor of the sources to be found at time t [s], (m, 2) [m]."""
-    places = scenario.targets_at(t)[:, :2]
+def present(scenario: Scenario, t: float, dim: int = 2) -> np.ndarray:
+    """Return the positions of the sources to be found at time t [s], on the floor (m, 2) or in space (m, 3) [m]."""
+    places = scenario.targets_at(t)[:, :dim]
     return places[np.isfinite(places[:, 0])]
 
 

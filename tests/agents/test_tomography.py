@@ -130,7 +130,7 @@ def test_lengths_in_cells_sum_to_the_beam():
     rng = np.random.default_rng(1)
     start, end = rng.uniform(0, 2, (2, 50, 3))
     end[:10, 0] = start[:10, 0]
-    beam, cell, share = cell_shares(start, end - start, (8, 8, 8), 0.25)
+    beam, cell, share = cell_shares(start, end - start, (8, 8, 8), np.full(3, 0.25))
     np.testing.assert_allclose(np.bincount(beam, share), 1.0, rtol=1e-6)
     for n in (3, 30):
         for c, part in zip(cell[beam == n], share[beam == n], strict=True):
