@@ -185,7 +185,7 @@ def map_of(
     from taichi_plume.scoring.trials import PERIOD, forecast_error, peak_distance
     from taichi_plume.time_loop import Uncertain
 
-    if model.levels((*size, np.inf)) is not None:
+    if vars(model).get("layer") is not None:
         raise ReadingsError("--map.layer: a log has places on the floor, without heights; leave it out")
     fault = model.grid_error("--map", size)
     if fault:

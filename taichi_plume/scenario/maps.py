@@ -329,7 +329,7 @@ class FieldMap(AnyMap):
         return line
 
 
-class MarkovMap(LayeredMap, FieldMap):
+class MarkovMap(FieldMap, LayeredMap):
     """Mean and variance by a Gaussian Markov random field, cut by obstacles (Monroy et al. 2016, Autonomous Robots)."""
 
     gains: ClassVar[tuple[str, ...]] = ("variance", "upper_bound", "information")
