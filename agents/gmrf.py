@@ -11,8 +11,8 @@ Monroy, Blanco & Gonzalez-Jimenez, Autonomous Robots 2016. The map minimises
 Column by column, H is block tridiagonal, with diagonal matrices between blocks. Forward elimination, which stores the
 inverses P of the blocks, gives the mean; backward substitution gives the diagonal blocks of the inverse: G_i = P_i +
 (λ_p P_i R_i) G_i+1 (λ_p R_i P_i), where R_i holds the links from column i to the next. The solution is exact, for all
-trials at once. The cost is constant in time: readings are summed by cell and window, and dropped once their weight is
-zero.
+trials at once. A map with layers has links over the height too, with the weight λ_p (cell / layer)²: ours. The cost is
+constant in time: readings are summed by cell and window, and dropped once their weight is zero.
 """
 
 from collections.abc import Callable, Sequence
@@ -145,7 +145,7 @@ class MarkovField(GasMap):
         return sums
 
     def _known(self, count: np.ndarray) -> np.ndarray:
-        """Return the mask (trials, nx, ny, ...) of cells that a chain of links joins to a reading; count: their number."""
+        """Return the mask (trials, nx, ny, ...) of cells that links join to a reading; count: number of readings."""
         number = (np.arange(len(count)) * (self.region.max() + 1)).reshape(-1, *[1] * self.region.ndim)
         number = number + self.region
         return (np.bincount(number.ravel(), count.ravel()) > 0)[number]
@@ -210,7 +210,9 @@ def links(place: np.ndarray, obstacle_distance: Callable[[np.ndarray], np.ndarra
     (nx, ny - 1, ...), and z. place: centres of the cells (nx, ny, ..., dim) [m].
     """
     share = np.linspace(0.0, 1.0, LOOKS + 1).reshape(-1, *[1] * place.ndim)
-    ends = [(np.moveaxis(place, axis, 0)[:-1], np.moveaxis(place, axis, 0)[1:]) for axis in range(place.ndim - 1)]
+    ends = [
+        (np.moveaxis(place, axis, 0)[:-1], np.moveaxis(place, axis, 0)[1:]) for axis in range(place.ndim - 1)
+    ]
     distances = [obstacle_distance((1 - share) * low + share * high).min(axis=0) for low, high in ends]
     return tuple(np.moveaxis(values > 0, 0, axis) for axis, values in enumerate(distances))
 
@@ -264,7 +266,9 @@ def _solve(
         values[:, 1:] += np.moveaxis(each, axis, 0)
     row = np.arange(ny)
     number = row.reshape(section)
-    pairs = [(np.moveaxis(number, axis, 0)[:-1], np.moveaxis(number, axis, 0)[1:]) for axis in range(len(section))]
+    pairs = [
+        (np.moveaxis(number, axis, 0)[:-1], np.moveaxis(number, axis, 0)[1:]) for axis in range(len(section))
+    ]
     across = linked[0].reshape(nx - 1, ny)
     within = [-np.moveaxis(each, 1 + axis, 1) for axis, each in enumerate(linked[1:])]
     shape, g, diagonal = g.shape, g.reshape(trials, nx, ny), diagonal.reshape(trials, nx, ny)
@@ -286,7 +290,8 @@ def _solve(
         joined = P[i] * across[i]
         G = P[i] + joined @ G @ joined.swapaxes(1, 2)
         variance[:, i] = G[:, row, row]
-    return tuple(np.moveaxis(values.reshape(shape), 1, 1 + longest) for values in (x, variance))
+    x, variance = (np.moveaxis(values.reshape(shape), 1, 1 + longest) for values in (x, variance))
+    return x, variance
 
 
 def _times(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:

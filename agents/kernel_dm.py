@@ -7,7 +7,9 @@ in the cell k around x_k the weight
     K_ik = exp(-s_i / memory - (d_along² / a² + d_across² / b²) / 2),   d = x_k - x_i,   0 beyond 4 (a, b)
     a = sigma + wind_stretch |u_i|,     b = sigma² / a
 
-with d along and across u_i; a = b = sigma without wind. Mean, confidence and variance are
+d is along and across u_i; a = b = sigma without wind. On a map with layers the bracket also has d_z² / sigma², d_z over
+the height, as the kernel in three dimensions of Reggente & Lilienthal, IEEE Sensors 2010,
+doi:10.1109/ICSENS.2010.5690924. Its width over the height is sigma in any wind, so that a b sigma is constant: ours. Mean, confidence and variance are
 
     Ω_k = Σ_i K_ik,                              α_k = 1 - exp(-Ω_k² / σ_Ω²)
     m_k = α_k Σ_i K_ik r_i / Ω_k + (1 - α_k) r0,      r0 = mean of all r_i
@@ -150,7 +152,9 @@ class KernelMap(GasMap):
                     slot = n % self.exact
                     if n >= self.exact:
                         left = _sample(self.kept[k, slot])
-                        q = self._weight_of_age(left, t) * self._deviation(k, left, self._kept_height(k, slot))
+                        q = self._weight_of_age(left, t) * self._deviation(
+                            k, left, self._kept_height(k, slot)
+                        )
                         self.left[k, slot] = self.kept[k, slot]
                         if ti.static(self.layered):
                             self.left_height[k, slot] = self.kept_height[k, slot]
@@ -266,7 +270,7 @@ class KernelMap(GasMap):
 
     @ti.func
     def _deviation(self, k, sample, z):
-        """Return the squared deviation q [ppm²] of a sample of trial k, taken at height z, from the mean of its cell."""
+        """Return the squared deviation q [ppm²] of a sample of trial k, at height z, from the mean of its cell."""
         I, row = cell_of(sample.place, self.cell, self.shape), self.row(k, z)
         weight = self.weights[row, I[0], I[1]]
         prior = self.totals[k, 1] / self.totals[k, 0]

@@ -69,7 +69,10 @@ class BeamMap(MarkovMap):
         members, size = swarm.members.to_numpy(), swarm.team_size.to_numpy()
         trial, number = np.nonzero(np.arange(members.shape[1]) < size[:, None])
         robot = members[trial, number]
-        start, reading = swarm.believed_position.to_numpy().astype(float), swarm.reading.to_numpy().astype(float)
+        start, reading = (
+            swarm.believed_position.to_numpy().astype(float),
+            swarm.reading.to_numpy().astype(float),
+        )
         if self.levels:
             altitude = swarm.altitude.to_numpy() if swarm.flies else 0.0
             start = np.column_stack([start, self.heights + altitude])
@@ -157,4 +160,5 @@ def cell_shares(
     middle = 0.5 * (s[beam, part] + s[beam, part + 1])
     at = np.floor((start[beam] + middle[:, None] * way[beam]) / edges).astype(int)
     at = np.clip(at, 0, np.array(shape) - 1)
-    return beam, np.ravel_multi_index(tuple(at.T), shape), share[beam, part]
+    flat = np.asarray(np.ravel_multi_index(tuple(at.T), shape))
+    return beam, flat, share[beam, part]

@@ -65,9 +65,9 @@ class Team(Protocol):
 class Mapper(Protocol):
     """Protocol of an online gas map over all trials.
 
-    cell: edge of the cells [m]. levels: layers of a map in three dimensions, None on the floor. window: length of the snapshots that are forecast [s]; None without forecasts. errors:
-    (time [s], mean error [ppm] (trials,)) of each forecast that was compared with later readings. Methods that estimate
-    their variance are `Uncertain`.
+    cell: edge of the cells [m]. levels: layers of a map in three dimensions, None on the floor. window: length of the
+    snapshots that are forecast [s]; None without forecasts. errors: (time [s], mean error [ppm] (trials,)) of each
+    forecast that was compared with later readings. Methods that estimate their variance are `Uncertain`.
     """
 
     cell: float

@@ -108,7 +108,11 @@ def test_a_floor_has_no_layers():
         sim(
             domain={"size": [3.0, 2.0], "spacing": 0.1},
             wind={"kind": "uniform", "velocity": [0.4, 0.0]},
-            gas={"kind": "gaussian_plume", "intensity": 0.3, "sources": [{"position": [0.4, 1.0], "rate": 1e-6}]},
+            gas={
+                "kind": "gaussian_plume",
+                "intensity": 0.3,
+                "sources": [{"position": [0.4, 1.0], "rate": 1e-6}],
+            },
             robots=[],
             maps=[{"kind": "kernel_dmv", "layer": 0.5}],
         )

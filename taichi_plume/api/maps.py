@@ -96,7 +96,7 @@ def maps(
         for robots in scenario.robots:
             if robots.sensors.nose.integrates and group in (None, robots.name):
                 raise ReadingsError(
-                    f"the readings of '{robots.name}' are integrals along the beams of lasers, which a log does not have; "
+                    f"the readings of '{robots.name}' are integrals along beams, which a log does not have; "
                     "map them in the run, by maps: [{kind: gmrf}] in its scenario"
                 )
         width, length = scenario.domain.extent[:2]

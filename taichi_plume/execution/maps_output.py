@@ -95,7 +95,10 @@ def _map_variables(series: MapSeries) -> dict[str, np.ndarray]:
         **({"z": levels.middle} if levels else {}),
         "y": (np.arange(ny) + 0.5) * series.cell,
         "x": (np.arange(nx) + 0.5) * series.cell,
-        **{name: np.ascontiguousarray(values.swapaxes(1, 3 if levels else 2)) for name, values in cells.items()},
+        **{
+            name: np.ascontiguousarray(values.swapaxes(1, 3 if levels else 2))
+            for name, values in cells.items()
+        },
         **({"component": np.arange(2, dtype=np.int32)} if wind else {}),
         "measurable": series.measurable.T.astype(np.int8),
     }

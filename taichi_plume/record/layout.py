@@ -285,25 +285,20 @@ class Layout:
         panel = Panel.of(wide / 2, tall, bars=2)
         species = " + ".join(gas.name for gas in self.sim.gas.species)
         maps = []
-        parts = [
-            (gas_map, *part)
-            for n, gas_map in enumerate(self.sim.scenario.maps)
-            for part in map_parts(n, self.sim.maps[n])
-        ]
-        for gas_map, entity, _, height in parts:
-            pictures = {}
-            is_wind = gas_map.measures == "wind"
-            for what, title in (WIND_MAP_NAMES if is_wind else MAP_NAMES).items():
-                legend = "wind/map" if is_wind else what
-                pictures[what] = self._map(title, f"/{entity}/{what}", legend, panel)
-            truth = pictures.pop("truth")
-            name = (
-                gas_map.kind.replace("_", " ")
-                if is_wind
-                else f"{species.capitalize()} map: {gas_map.kind.replace('_', ' ')}{height}"
-            )
-            beside = rrb.Horizontal(rrb.Tabs(*pictures.values(), active_tab=0), rrb.Tabs(truth), name=name)
-            maps.append(beside)
+        for n, gas_map in enumerate(self.sim.scenario.maps):
+            is_wind, kind = gas_map.measures == "wind", gas_map.kind.replace("_", " ")
+            name = kind if is_wind else f"{species.capitalize()} map: {kind}"
+            parts = []
+            for entity, layer, height in map_parts(n, self.sim.maps[n]):
+                pictures = {}
+                for what, title in (WIND_MAP_NAMES if is_wind else MAP_NAMES).items():
+                    legend = "wind/map" if is_wind else what
+                    pictures[what] = self._map(title, f"/{entity}/{what}", legend, panel)
+                truth = pictures.pop("truth")
+                part = name if layer is None else height
+                views = rrb.Tabs(*pictures.values(), active_tab=0), rrb.Tabs(truth)
+                parts.append(rrb.Horizontal(*views, name=part))
+            maps.append(rrb.Tabs(*parts, active_tab=0, name=name) if len(parts) > 1 else parts[0])
         return maps
 
     def _beliefs(self, wide: float, tall: float) -> list[Part]:
@@ -328,7 +323,7 @@ def map_parts(n: int, gas_map: Mapper) -> list[tuple[str, int | None, str]]:
     if gas_map.levels is None:
         return [(f"maps/{n}", None, "")]
     middle = gas_map.levels.middle
-    return [(f"maps/{n}/{k}", k, f", z = {middle[k]:.3g} m") for k in slices(len(middle))]
+    return [(f"maps/{n}/{k}", k, f"z = {middle[k]:.3g} m") for k in slices(len(middle))]
 
 
 def trail(sim: TimeLoop, robots: int) -> float | None:

@@ -25,14 +25,15 @@ Picture = tuple[str, np.ndarray, tuple[float, float, float, float]]
 
 
 class MapAtEnd(NamedTuple):
-    """Map of the first trial at the end of a run: estimate and truth (ny, nx) [ppm], of the wind (ny, nx, 2) [m/s];
-    cell [m].
+    """Map of the first trial at the end of a run, or a layer of a map: estimate and truth (ny, nx) [ppm], of the wind
+    (ny, nx, 2) [m/s]; cell [m]; group: name of the map's group in maps.zarr.
     """
 
     name: str
     cell: float
     estimate: np.ndarray
     truth: np.ndarray
+    group: str = "0"
 
     @property
     def is_of_wind(self) -> bool:
@@ -84,9 +85,9 @@ def _map(group: Any) -> list[MapAtEnd]:
     whose = f" of {made_by[0]['names'][0]}" if len(made_by) > 1 else ""
     name, cell = f"{kind} map{whose}", 2.0 * float(x[0])
     if len(heights) == 0:
-        return [MapAtEnd(name, cell, estimate, truth)]
+        return [MapAtEnd(name, cell, estimate, truth, group.name)]
     return [
-        MapAtEnd(f"{name}, z = {heights[k]:.3g} m", cell, estimate[k], truth[k])
+        MapAtEnd(f"{name}, z = {heights[k]:.3g} m", cell, estimate[k], truth[k], group.name)
         for k in slices(len(heights))
     ]
 

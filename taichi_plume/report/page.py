@@ -214,8 +214,10 @@ class Parts:
                 (of_wind, "Maps of the wind at the end", captions.WIND_MAPS),
             ):
                 if some:
-                    part = f" Shown are the first {most} of {len(some)} maps." if len(some) > most else ""
-                    image = maps.beside_truth(self.run, some[:most])
+                    groups = list(dict.fromkeys(each.group for each in some))
+                    part = f" Shown are the first {most} of {len(groups)} maps." if len(groups) > most else ""
+                    shown = [each for each in some if each.group in groups[:most]]
+                    image = maps.beside_truth(self.run, shown)
                     section.image(image, title, caption.format(part=part))
         else:
             section.lines.append(captions.NO_MAPS)

@@ -10,7 +10,7 @@ from scipy.special import ndtri, stdtrit
 from taichi_plume.agents.gas_map import cell_centers
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.grid import fields
-from taichi_plume.grid.grid import block_mean, centers
+from taichi_plume.grid.grid import block_mean
 from taichi_plume.scenario.maps import Levels
 from taichi_plume.scenario.scenario import Scenario
 from taichi_plume.scoring.declarations import (
@@ -45,16 +45,16 @@ class MapScore:
     known: np.ndarray
 
 
-def true_gas(
-    sim: TimeLoop, cell: float, shape: tuple[int, int], levels: Levels | None = None
-) -> np.ndarray:
+def true_gas(sim: TimeLoop, cell: float, shape: tuple[int, int], levels: Levels | None = None) -> np.ndarray:
     """Return the mean true concentration above the background [ppm] of each map cell at the height of the gas sensors,
     (nx, ny), or over the height of each layer, (nx, ny, nz).
     """
     if levels is None:
         return _gas_at(sim, cell, shape, sensor_height(sim))
     m = min(HEIGHTS, max(1, ceil(levels.layer / sim.grid.dx - 1e-9)))
-    heights = np.minimum(levels.low + (np.arange(levels.count * m) + 0.5) * levels.layer / m, sim.grid.extent[2])
+    heights = np.minimum(
+        levels.low + (np.arange(levels.count * m) + 0.5) * levels.layer / m, sim.grid.extent[2]
+    )
     sections = np.stack([_gas_at(sim, cell, shape, z) for z in heights], axis=-1)
     return block_mean(sections, (1, 1, m))
 

@@ -78,7 +78,11 @@ def literal(rows, values, weights, obstacle, lambda_p=0.01, lambda_o=10.0):
 
 @pytest.mark.parametrize(
     ("obstacle", "keys", "mean"),
-    [(nowhere, {}, 0), (wall, {"memory": 5.0, "window": 2.0, "lambda_prior": 0.3}, 1), (wall, {"memory": None}, 0)],
+    [
+        (nowhere, {}, 0),
+        (wall, {"memory": 5.0, "window": 2.0, "lambda_prior": 0.3}, 1),
+        (wall, {"memory": None}, 0),
+    ],
 )
 def test_mean_and_variance_are_dense_least_squares(stock, obstacle, keys, mean):
     """Two lasers and a gas sensor at a point in each of two trials; the beams of a reading held are not counted."""
