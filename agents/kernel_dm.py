@@ -8,8 +8,8 @@ in the cell k around x_k the weight
     a = sigma + wind_stretch |u_i|,     b = sigma² / a
 
 d is along and across u_i; a = b = sigma without wind. On a map with layers the bracket also has d_z² / sigma², d_z over
-the height, as the kernel in three dimensions of Reggente & Lilienthal, IEEE Sensors 2010,
-doi:10.1109/ICSENS.2010.5690924. Its width over the height is sigma in any wind, so that a b sigma is constant: ours. Mean, confidence and variance are
+the height: a Gaussian in three dimensions, as in the 3-D Kernel DM+V/W of Reggente & Lilienthal, IEEE Sensors 2010. Its
+width over the height is sigma in any wind, so that a b sigma is constant: ours. Mean, confidence and variance are
 
     Ω_k = Σ_i K_ik,                              α_k = 1 - exp(-Ω_k² / σ_Ω²)
     m_k = α_k Σ_i K_ik r_i / Ω_k + (1 - α_k) r0,      r0 = mean of all r_i

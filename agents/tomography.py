@@ -8,9 +8,8 @@ l_bc is the length [m] of beam b in cell c, z_b the integral of the gas along it
 l_bc = 1 in its cell. Hence H = λ_p L + Σ λ_o l_b l_bᵀ with the Laplacian L of the links, and g = Σ λ_o l_b z_b. H is
 dense and is inverted by Cholesky's method; mean and variance are exact.
 
-Gas integrals along beams as observations of cells: Hernandez Bennetts, Lilienthal, Khaliq, Pomareda Sese & Trincavelli,
-"Towards real-world gas distribution mapping and leak localization using a mobile robot with 3d and remote gas sensing
-capabilities", ICRA 2013, doi:10.1109/ICRA.2013.6630902. Smoothing by links that obstacles cut, and the variance, are
+Integrals along beams of a robot's laser as sums over the cells: Arain, Hernandez Bennetts, Schaffernicht & Lilienthal,
+"Sniffing out fugitive methane emissions", Int. J. Robotics Research 2021, doi:10.1177/0278364920954907. Smoothing by links that obstacles cut, and the variance, are
 those of `gmrf`; the combination is ours.
 
 Beams start at the believed pose of the robot and have the measured length. On a map of the floor the gas counts as

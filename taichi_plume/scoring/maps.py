@@ -97,7 +97,9 @@ class MapSeries:
         self.looks += 1
         if self.expected and len(self.trial):
             now = sim.swarm.snapshot()
-            expects = scores.Prediction(self.expected[0], self.expected[1], self.cell, self.extent, self.levels)
+            expects = scores.Prediction(
+                self.expected[0], self.expected[1], self.cell, self.extent, self.levels
+            )
             place = now["believed_position"]
             if self.levels:
                 place = np.column_stack([place, self.heights + now.get("altitude", 0.0)])
