@@ -5,8 +5,8 @@ received reading at the sender's place and wind, as of its own. Beliefs whose re
 posterior of the union of all readings, and no reading counts twice, as robots neither repeat nor forward messages.
 Averages of posteriors (consensus) would count shared readings again. With messages that all arrive, the beliefs of a
 team are equal: the replicated fusion of Ristic, Angley, Moran & Palmer, Sensors 17 (2017) 918, doi:10.3390/s17040918.
-Losses, ranges and rates are ours: a robot sends no reading within 1 / rate after its last message, and lost readings are
-not sent again.
+Losses, ranges and rates are ours: a robot sends no reading within 1 / rate after its last message, and readings that do
+not arrive are not sent again.
 """
 
 from typing import Any
@@ -28,8 +28,8 @@ LONG_AGO = -(2**30)  # tick of the last message before the first
 class SharedReadings(Channel):
     """Readings of the acquisitions that end in the present time step, and which robots of the team take them.
 
-    `ended[n]`: whether robot n has a reading now, its `value[n]`, `place[n]` [m] and `wind[n]`. parameters: must include
-    the entries of `SharedReadings.numbers` and the random stream `radio`.
+    `ended[n]`: whether robot n has a reading now; `value[n]`, `place[n]` [m], `wind[n]`: that reading. parameters: must
+    include the entries of `SharedReadings.numbers` and the random stream `radio`.
     """
 
     STATE = ("sent",)

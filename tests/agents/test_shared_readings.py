@@ -43,7 +43,7 @@ class Halves(Script):
 
 def likelihood(model, spacing, place, wind, hit):
     """Likelihood (15, 11) of a hit or miss by the published formulas; 0 where the source would have been found."""
-    places = CELL * (np.stack(np.indices((15, 11)), axis=-1) + 0.5)
+    places = CELL * (np.moveaxis(np.indices((15, 11)), 0, -1) + 0.5)
     off = np.linalg.norm(np.abs(places - place) + CELL / 2, axis=-1) > REACH
     if isinstance(model, HitMap):
         here = CELL * (np.floor(place / CELL) + 0.5)
@@ -108,7 +108,7 @@ def test_beliefs_with_all_readings(kind):
     assert not all(outcomes)
     beliefs = algorithm.beliefs()
     assert (beliefs == beliefs[0]).all()
-    expected = posterior(algorithm, MODELS[kind], sum(readings, []))
+    expected = posterior(algorithm, MODELS[kind], [reading for own in readings for reading in own])
     np.testing.assert_allclose(beliefs[0], expected, atol=3e-3 * expected.max())
 
 
@@ -132,7 +132,10 @@ class Exchange:
     def __init__(self, trials, **radio):
         places = np.tile([(1.0 + i, 1.0) for i in range(4)], (trials, 1))
         team = group(
-            count=4, trials=trials, communication=radio, algorithm={"kind": "infotaxis", "declare_spread": None}
+            count=4,
+            trials=trials,
+            communication=radio,
+            algorithm={"kind": "infotaxis", "declare_spread": None},
         )
         swarm = Swarm(
             (team,),
