@@ -71,7 +71,7 @@ class Declares(AnyAlgorithm):
 class TeamInference(Listening, Declares):
     """Algorithms whose robots stand still to measure, and update a belief by each acquisition."""
 
-    share: Literal["none", "readings"] = "readings"
+    share: Literal["none", "readings"] = "none"
     """Whether the robots of a team share their readings. Each acquisition is sent within the range, rate and loss of
     `communication`, and updates the belief of each robot that receives it as its own; none: each is on its own."""
 
@@ -274,6 +274,7 @@ class SourceTerm(TeamInference):
     most_cells: ClassVar[int] = 20_000
     most_road_cells: ClassVar[int] = 2_500  # the paths from each cell to each are kept
     kind: Literal["source_term"]
+    share: Literal["none", "readings"] = "readings"
     acquisition: si.Wait = 5.0
     lag: Literal["ignored", "deconvolved"] = "deconvolved"
     """Whether a reading counts as the sensor gives it, or as the gas that the lagging sensor met."""

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.usefixtures("taichi")
 
 SIZE, CELL, REACH = (3.0, 2.2), 0.2, 0.35
 STARTS = ((0.5, 0.5), (1.5, 1.7), (2.5, 0.9))
-USUAL = {"cell": CELL, "acquisition": 1.0, "settle": 0.2, "declare_spread": None}
+USUAL = {"cell": CELL, "acquisition": 1.0, "settle": 0.2, "declare_spread": None, "share": "readings"}
 MODELS = {
     "infotaxis": Infotaxis(kind="infotaxis", **USUAL),
     "space_aware_infotaxis": SpaceAwareInfotaxis(kind="space_aware_infotaxis", **USUAL),
@@ -116,7 +116,7 @@ def test_beliefs_with_all_readings(kind):
 def test_beliefs_without_messages(kind):
     """Out of range, with a loss of 1 and without sharing each robot has the posterior of its own readings."""
     model = MODELS[kind]
-    algorithm, readings, alone = search(model.model_copy(update={"share": "none"}), {})
+    algorithm, readings, alone = search(type(model)(**USUAL | {"kind": kind, "share": "none"}), {})
     for radio in ({"range": 0.05}, {"loss": 1.0}):
         other, _, positions = search(model, radio)
         np.testing.assert_array_equal(positions, alone)
