@@ -30,7 +30,6 @@ from math import radians
 import numpy as np
 
 from taichi_plume.agents.acquisition import MEAN, Acquisition
-from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.beliefs import LEAST, SPREAD, Beliefs, Declaring
 from taichi_plume.agents.decisions import Decision, way_point
 from taichi_plume.agents.groups import GroupRange
@@ -38,6 +37,7 @@ from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.priors import require_prior
+from taichi_plume.agents.shared_readings import SharedReadings, TeamInference
 from taichi_plume.agents.shortest_paths import FAR, Ways
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.way_points import WayPoints
@@ -48,14 +48,14 @@ from taichi_plume.scenario.belief_algorithms import HitMap as Model
 ACQUIRE, MOVE = range(2)
 
 
-class HitMap(KernelAlgorithm):
+class HitMap(TeamInference):
     """Search algorithm that infers the source from hits, misses and wind. tick: control period [s]."""
 
     PER_GROUP: bool = True  # has a single map of paths
     WORK = 4
     STATE: tuple[str, ...] = (
         *("potential", "acquisition", "declaring", "belief", "felt", "course"),
-        *("detection", "entropy", "information"),
+        *("detection", "entropy", "information", "readings"),
     )
     STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "MOVE")
     DECISIONS: tuple[Decision, ...] = (
@@ -72,6 +72,7 @@ class HitMap(KernelAlgorithm):
         require_prior(members, self.beliefs())
 
     def _allocate(self) -> None:
+        super()._allocate()
         self.potential = Potential(self.members, self.p)
         self.acquisition = Acquisition(self.members, self.p)
         self.declaring = Declaring(self.members, self.p)
@@ -93,6 +94,7 @@ class HitMap(KernelAlgorithm):
             **Potential.numbers(self.swarm, group, model.speed, model.avoidance),
             **Acquisition.numbers(group, self.tick),
             **Declaring.numbers(model, group),
+            **SharedReadings.numbers(group, self.tick),
             "threshold": model.threshold_ppm,
             "calm": model.calm,  # m/s
             "angles": radians(model.spread_deg) ** 2,  # rad²
@@ -119,27 +121,30 @@ class HitMap(KernelAlgorithm):
         self._forget(n)
 
     @ti.func
-    def _step(self, n, tick, t, dt):
+    def _measure(self, n, tick):
         i = self.robot[n]
-        if self.swarm.searches(i):
-            if self.swarm.state[i] == ACQUIRE:
-                self.potential.stand(n)
-                if self.swarm.wind_known[i] == 1:
-                    self.felt[n] += self.swarm.wind[i]
-                ticks = self.acquisition.since[n] + 1
-                if self.acquisition.listen(n):
-                    wind = self.felt[n] / ticks
-                    self.felt[n] = ti.Vector([0.0, 0.0])
-                    here = self.gas.free_cell_of(self.swarm.believed_position[i])
-                    hit = self.acquisition.mean(n) >= self.p.threshold[n]
-                    self.swarm.hits[i] += ti.cast(hit, ti.i32)
-                    if here >= 0:
-                        self._learn(n, here, hit, wind)
-                        self.detection[n], self.entropy[n] = ti.cast(hit, ti.f32), self.belief.entropy(n)
-                        self._go_on(n, wind, t)
-            if self.swarm.state[i] == MOVE:
-                if self.course.follow(n, dt):
-                    self.swarm.state[i] = ACQUIRE
+        if self.swarm.state[i] == ACQUIRE:
+            self.potential.stand(n)
+            if self.swarm.wind_known[i] == 1:
+                self.felt[n] += self.swarm.wind[i]
+            ticks = self.acquisition.since[n] + 1
+            if self.acquisition.listen(n):
+                wind = self.felt[n] / ticks
+                self.felt[n] = ti.Vector([0.0, 0.0])
+                hit = self.acquisition.mean(n) >= self.p.threshold[n]
+                self.swarm.hits[i] += ti.cast(hit, ti.i32)
+                if self.gas.free_cell_of(self.swarm.believed_position[i]) >= 0:
+                    self.readings.end(n, tick, ti.cast(hit, ti.f32), wind)
+
+    @ti.func
+    def _proceed(self, n, tick, t, dt):
+        i = self.robot[n]
+        if self.readings.ended[n] == 1:
+            self.detection[n], self.entropy[n] = self.readings.value[n], self.belief.entropy(n)
+            self._go_on(n, self.readings.wind[n], t)
+        if self.swarm.state[i] == MOVE:
+            if self.course.follow(n, dt):
+                self.swarm.state[i] = ACQUIRE
 
     @ti.func
     def _forget(self, n):
@@ -174,10 +179,10 @@ class HitMap(KernelAlgorithm):
         return self.p.false_alarm[n] + (self.p.hit[n] - self.p.false_alarm[n]) * share
 
     @ti.func
-    def _learn(self, n, here, hit, wind):
-        """Update robot n's belief by a hit or miss in cell `here`, and by not having found the source nearby."""
+    def _learn(self, n, k):
         total = 0.0
-        x = self.swarm.believed_position[self.robot[n]]
+        x, hit, wind = self.readings.place[k], self.readings.value[k] > 0.0, self.readings.wind[k]
+        here = self.gas.free_cell_of(x)
         for b in range(self.count):
             chance = self._chance(n, here, b, wind)
             chance = ti.select(hit, chance, 1.0 - chance)

@@ -22,12 +22,12 @@ import numpy as np
 from scipy.special import k0e
 
 from taichi_plume.agents.acquisition import MEAN, Acquisition
-from taichi_plume.agents.algorithm import KernelAlgorithm
 from taichi_plume.agents.beliefs import LEAST, SPREAD, Beliefs, Declaring
 from taichi_plume.agents.decisions import Decision
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.path_segments import Legs
+from taichi_plume.agents.shared_readings import SharedReadings, TeamInference
 from taichi_plume.agents.swarm import wrap
 from taichi_plume.engine import ti
 from taichi_plume.grid.rng import uniform4
@@ -49,7 +49,7 @@ def detection_rate(
     return model.rate / log(reach / model.size) * np.exp(-V * along / (2.0 * D) - r / reach) * k0e(r / reach)
 
 
-class AnyInfotaxis(KernelAlgorithm):
+class AnyInfotaxis(TeamInference):
     """Base class of infotaxis algorithms for the robots of a group, each with its own belief.
 
     A subclass defines the `_cost` of an acquisition at a position. tick: control period [s].
@@ -60,6 +60,7 @@ class AnyInfotaxis(KernelAlgorithm):
     WORK = 4
     STATE: tuple[str, ...] = (
         *("legs", "acquisition", "declaring", "belief", "downwind", "detection", "entropy", "cost", "move"),
+        "readings",
     )
     STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "MOVE")
     DECISIONS: tuple[Decision, ...] = (
@@ -71,6 +72,7 @@ class AnyInfotaxis(KernelAlgorithm):
     )
 
     def _allocate(self) -> None:
+        super()._allocate()
         self.legs = Legs(self.members, self.p)
         self.acquisition = Acquisition(self.members, self.p)
         self.declaring = Declaring(self.members, self.p)
@@ -89,6 +91,7 @@ class AnyInfotaxis(KernelAlgorithm):
             **Legs.numbers(group, model.speed),
             **Acquisition.numbers(group, self.tick),
             **Declaring.numbers(model, group),
+            **SharedReadings.numbers(group, self.tick),
             "threshold": model.threshold_ppm,
             "step": model.step,  # m
         }
@@ -103,13 +106,7 @@ class AnyInfotaxis(KernelAlgorithm):
         return self.belief.p.to_numpy()
 
     @ti.func
-    def _step(self, n, tick, t, dt):
-        if self.swarm.searches(self.robot[n]):
-            self._search(n, tick, t, dt)
-
-    @ti.func
-    def _search(self, n, tick, t, dt):
-        """Execute a control period of robot n's search: sample gas, update the belief, choose a move, or drive."""
+    def _measure(self, n, tick):
         i = self.robot[n]
         if self.swarm.wind_known[i] == 1:
             self.downwind[n] += self.swarm.wind[i]
@@ -117,12 +114,17 @@ class AnyInfotaxis(KernelAlgorithm):
             if self.acquisition.listen(n):
                 detected = self.acquisition.mean(n) >= self.p.threshold[n]
                 self.swarm.hits[i] += ti.cast(detected, ti.i32)
-                self._learn(n, detected)
-                self.detection[n], self.entropy[n] = ti.cast(detected, ti.f32), self.belief.entropy(n)
-                mean = self.belief.mean(n)
-                spread = self.belief.spread(n, mean)
-                self.declaring.consider(n, mean + ti.Vector(self.belief.low), spread, t)
-                self._choose(n, tick)
+                self.readings.end(n, tick, ti.cast(detected, ti.f32), self._wind_axis(n))
+
+    @ti.func
+    def _proceed(self, n, tick, t, dt):
+        i = self.robot[n]
+        if self.readings.ended[n] == 1:
+            self.detection[n], self.entropy[n] = self.readings.value[n], self.belief.entropy(n)
+            mean = self.belief.mean(n)
+            spread = self.belief.spread(n, mean)
+            self.declaring.consider(n, mean + ti.Vector(self.belief.low), spread, t)
+            self._choose(n, tick)
         if self.swarm.state[i] == MOVE and not self.legs.advance(n, dt):
             self.swarm.state[i] = ACQUIRE
 
@@ -151,9 +153,9 @@ class AnyInfotaxis(KernelAlgorithm):
         return self.chance[k, m]
 
     @ti.func
-    def _learn(self, n, detected):
-        """Update robot n's belief by Bayes' rule, for a detection or none, and for not having found the source."""
-        p, e = self._place(n), self._wind_axis(n)
+    def _learn(self, n, k):
+        p, e = self.readings.place[k] - ti.Vector(self.belief.low), self.readings.wind[k]
+        detected = self.readings.value[k] > 0.0
         total = 0.0
         for a in range(self.belief.cells[0]):
             for b in range(self.belief.cells[1]):

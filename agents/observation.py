@@ -15,7 +15,7 @@ from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.lag import Lag
 from taichi_plume.agents.members import Members
 from taichi_plume.agents.parameters import Numbers, Parameters
-from taichi_plume.agents.radio import NEVER, Radio
+from taichi_plume.agents.radio import NEVER, Radio, message_ticks
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import cos_sin, log
@@ -135,8 +135,7 @@ class Observation:
 
     def _numbers(self, group: GroupRange) -> Numbers:
         shares = tuple(Lag(time, self.tick).share for time in self.model.memory) or (1.0,)
-        rate = group.model.communication.rate
-        return {"shares": shares, "every": 1 if rate is None else max(1, round(1.0 / (rate * self.tick)))}
+        return {"shares": shares, "every": message_ticks(group, self.tick)}
 
     @ti.func
     def gas(self, n):

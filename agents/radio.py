@@ -15,29 +15,24 @@ from taichi_plume.grid.rng import uniform4
 
 NEVER = -1.0  # s, time of a message never received
 UNLIMITED = 1e9  # m
+MOST_TICKS = 2.0**30  # between two messages
 
 
-class Radio:
-    """Radio messages between the robots of each team.
+def message_ticks(group: GroupRange, tick: float) -> int:
+    """Return the least number of ticks between two messages of a robot; tick: control period [s]."""
+    rate = group.model.communication.rate
+    return 1 if rate is None else max(1, round(min(1.0 / (rate * tick), MOST_TICKS)))
 
-    `value`, `place`, `sender` [m] and `time` [s] of [n, m] are the last message that robot n received from robot m of
-    its team; they are valid if `has_heard(n, m)`. parameters: must include the entries of `Radio.numbers` and the
-    random stream `radio`. At the start of a run call `forget` for all robots.
+
+class Channel:
+    """Radio channel of each team: which messages of a robot reach a teammate.
+
+    parameters: must include the entries of `Channel.numbers` and the random stream `radio`.
     """
-
-    STATE = ("value", "place", "sender", "time")
 
     def __init__(self, members: Members, parameters: Parameters):
         self.swarm, self.robot, self.number, self.p = members.swarm, members.robot, members.number, parameters
         self.size = members.size
-        shape = (self.size, int(parameters.largest("count")))
-        self.value = ti.field(ti.f32, shape)
-        self.place = ti.vector_field(2, ti.f32, shape)
-        self.sender = ti.vector_field(2, ti.f32, shape)
-        self.time = ti.field(ti.f32, shape)
-        self.speaks = ti.field(ti.i32, self.size)  # whether the robot sends a message in this tick
-        self.said_value = ti.field(ti.f32, self.size)
-        self.said_place = ti.vector_field(2, ti.f32, self.size)
 
     @staticmethod
     def numbers(group: GroupRange) -> Numbers:
@@ -46,9 +41,44 @@ class Radio:
         return {
             "count": group.count,  # robots of a team
             "mate": np.arange(group.size) % group.count,  # number of the robot in its team
-            "range": UNLIMITED if model.range is None else model.range,  # m
+            "radio_range": UNLIMITED if model.range is None else model.range,  # m
             "loss": model.loss,
         }
+
+    @ti.func
+    def mate(self, n, m):
+        """Return the index of robot m of the team of robot n."""
+        return n - self.p.mate[n] + m
+
+    @ti.func
+    def arrives(self, n, m, tick):
+        """Return whether a message of robot m of its team reaches robot n in this tick: in range and not lost."""
+        i, j = self.robot[n], self.robot[self.mate(n, m)]
+        near = (self.swarm.position[i] - self.swarm.position[j]).norm() <= self.p.radio_range[n]
+        key, number, now = self.swarm.counter(i, self.number[n], tick)
+        u = uniform4(key, self.p.radio[n], number, now, m)
+        return near and u[0] > self.p.loss[n]
+
+
+class Radio(Channel):
+    """Radio messages between the robots of each team.
+
+    `value`, `place`, `sender` [m] and `time` [s] of [n, m] are the last message that robot n received from robot m of
+    its team; they are valid if `has_heard(n, m)`. At the start of a run call `forget` for all robots.
+    """
+
+    STATE = ("value", "place", "sender", "time")
+
+    def __init__(self, members: Members, parameters: Parameters):
+        super().__init__(members, parameters)
+        shape = (self.size, int(parameters.largest("count")))
+        self.value = ti.field(ti.f32, shape)
+        self.place = ti.vector_field(2, ti.f32, shape)
+        self.sender = ti.vector_field(2, ti.f32, shape)
+        self.time = ti.field(ti.f32, shape)
+        self.speaks = ti.field(ti.i32, self.size)  # whether the robot sends a message in this tick
+        self.said_value = ti.field(ti.f32, self.size)
+        self.said_place = ti.vector_field(2, ti.f32, self.size)
 
     @ti.func
     def say(self, n, value, place):
@@ -69,15 +99,11 @@ class Radio:
     @ti.func
     def receive(self, n, m, tick, t):
         """Store the message that robot m of its team sends to robot n at time t [s], if in range and not lost."""
-        other = n - self.p.mate[n] + m
+        other = self.mate(n, m)
         if m < self.p.count[n] and other != n and self.speaks[other] == 1:
-            i, j = self.robot[n], self.robot[other]
-            near = (self.swarm.position[i] - self.swarm.position[j]).norm() <= self.p.range[n]
-            key, number, now = self.swarm.counter(i, self.number[n], tick)
-            u = uniform4(key, self.p.radio[n], number, now, m)
-            if near and u[0] > self.p.loss[n]:
+            if self.arrives(n, m, tick):
                 self.value[n, m], self.place[n, m] = self.said_value[other], self.said_place[other]
-                self.sender[n, m] = self.swarm.believed_position[j]
+                self.sender[n, m] = self.swarm.believed_position[self.robot[other]]
                 self.time[n, m] = t
 
     @ti.kernel

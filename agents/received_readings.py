@@ -43,7 +43,7 @@ class ReceivedReadings:
                 apart = (self.swarm.position[i] - self.swarm.position[receiver]).norm()
                 key, number, now = self.swarm.counter(i, self.number[i], tick)
                 u = uniform4(key, self.p.stream[i], number, now, 0)
-                arrives = apart <= self.p.range[receiver] and u[0] > self.p.loss[receiver]
+                arrives = apart <= self.p.radio_range[receiver] and u[0] > self.p.loss[receiver]
                 arrives = i == receiver or arrives
                 self.reading[i] = ti.select(arrives, self.swarm.reading[i], ti.math.nan)
                 self.wind_known[i] = ti.select(arrives, self.swarm.wind_known[i], 0)

@@ -25,8 +25,7 @@ doi:10.1016/j.atmosenv.2006.08.044), free choice of the next place that of cogni
 Gunatilaka 2016, doi:10.1016/j.inffus.2015.04.004). Ours: the likelihood, the Gaussian information, and the limits of
 `Declaring`.
 
-A robot takes the acquisitions of team mates in range of its `communication`, unless they are lost, as its own: an
-exchange of readings, which counts none twice.
+In a team a robot takes the acquisitions that it receives from team mates as its own, see `shared_readings`.
 """
 
 from functools import cached_property
@@ -45,6 +44,7 @@ from taichi_plume.agents.parameters import Numbers
 from taichi_plume.agents.potential import Potential
 from taichi_plume.agents.priors import prior_weights, require_prior
 from taichi_plume.agents.serial_loops import runs_serially
+from taichi_plume.agents.shared_readings import SharedReadings
 from taichi_plume.agents.shortest_paths import FAR, Ways
 from taichi_plume.agents.source_posterior import MODEL_SHAPE, Estimate, Rates, SourcePosterior
 from taichi_plume.agents.way_points import WayPoints
@@ -70,8 +70,10 @@ class SourceTerm(KernelAlgorithm):
     """Search algorithm that estimates source terms. tick: control period [s]."""
 
     PER_GROUP: bool = True  # has a single map of paths
+    TALKS = True
     STATE: tuple[str, ...] = (
         *("potential", "acquisition", "declaring", "felt", "course", "posteriors", "measured"),
+        "readings",
         *("entropy", "information", "rate", "sources"),
     )
     STATE_NAMES: tuple[str, ...] = ("ACQUIRE", "MOVE")
@@ -99,8 +101,8 @@ class SourceTerm(KernelAlgorithm):
         gap = group.model.body.radius + model.avoidance
         self.roads = Ways(self.clearance, model.road_cell, gap)
         self.course = WayPoints(self.members, self.roads, self.potential)
-        self.due = ti.field(ti.i32, self.size)  # whether an acquisition has ended in this tick
-        self.reading = ti.field(ti.f32, self.size)  # its mean [ppm]
+        self.readings = SharedReadings(self.members, self.p)
+        self.taken = ti.field(ti.i32, (self.size, group.count))  # readings that a robot takes in this tick
         self.felt = ti.vector_field(2, ti.f32, self.size)  # sum of the wind during an acquisition [m/s]
         self.entropy, self.information, self.sources = (
             np.full(self.size, np.nan, np.float32) for _ in range(3)
@@ -166,6 +168,7 @@ class SourceTerm(KernelAlgorithm):
             **Potential.numbers(self.swarm, group, model.speed, model.avoidance),
             **Acquisition.numbers(group, self.tick),
             **Declaring.numbers(model, group),
+            **SharedReadings.numbers(group, self.tick),
             "threshold": model.threshold_ppm,
         }
 
@@ -186,15 +189,17 @@ class SourceTerm(KernelAlgorithm):
     # ------------------------------------------------------------ search
 
     def act(self, tick: int, t: float, dt: float) -> None:
-        self._advance(dt)
-        due = np.flatnonzero(self.due.values)
+        self._advance(tick, dt)
+        due = np.flatnonzero(self.readings.ended.values)
         if len(due):
-            place = self.swarm.believed_position.values[self.group.slice]
-            wind, reading = self.felt.values, self.reading.values
-            for n in due.tolist():
-                for m in self._receivers(n, tick):
-                    new = np.array([*place[n], *wind[n], self._datum(reading[n])])
-                    self.measured[m] = np.concatenate([self.measured[m], [new]])
+            self._receive(tick)
+            readings = self.readings
+            place, wind, reading = readings.place.values, readings.wind.values, readings.value.values
+            for n, m in np.argwhere(self.taken.values).tolist():
+                k = n - n % self.group.count + m
+                new = np.array([*place[k], *wind[k], self._datum(reading[k])])
+                self.measured[n] = np.concatenate([self.measured[n], [new]])
+                self._rule_out(n, place[k])
             goal = np.full(self.size, -1, np.int32)
             best, spread = np.zeros((self.size, 2), np.float32), np.full(self.size, np.inf, np.float32)
             for n in due.tolist():
@@ -202,12 +207,12 @@ class SourceTerm(KernelAlgorithm):
             self._conclude(t, goal, best, spread, self.rate)
 
     @ti.kernel
-    def _advance(self, dt: float):
+    def _advance(self, tick: int, dt: float):
         """Advance acquisitions and ways of all robots by a control period of dt [s]."""
         ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n in range(self.size):
             i = self.robot[n]
-            self.due[n] = 0
+            self.readings.ended[n] = 0
             if self.swarm.searches(i):
                 if self.swarm.state[i] == ACQUIRE:
                     self.potential.stand(n)
@@ -217,13 +222,22 @@ class SourceTerm(KernelAlgorithm):
                         self.felt[n] += self.swarm.wind[i]
                     ticks = self.acquisition.since[n] + 1
                     if self.acquisition.listen(n):
-                        self.felt[n] = self.felt[n] / ticks
-                        self.due[n] = 1
-                        self.reading[n] = self.acquisition.last[n]
+                        reading = self.acquisition.last[n]
                         if ti.static(self.model.likelihood == "counts"):
-                            self.reading[n] = ti.cast(self.acquisition.above[n], ti.f32)
+                            reading = ti.cast(self.acquisition.above[n], ti.f32)
+                        self.readings.end(n, tick, reading, self.felt[n] / ticks)
                 elif self.course.follow(n, dt):
                     self.swarm.state[i] = ACQUIRE
+
+    @ti.kernel
+    def _receive(self, tick: int):
+        """Find the readings of this tick that each robot takes, its own among them."""
+        ti.loop_config(serialize=ti.static(runs_serially(self.size)))
+        for n, m in ti.ndrange(*self.taken.shape):
+            taken = self.readings.ended[n] == 1 and self.readings.mate(n, m) == n
+            if ti.static(self.readings.are_shared):
+                taken = self.readings.takes(n, m, tick)
+            self.taken[n, m] = ti.cast(taken, ti.i32)
 
     @ti.kernel
     def _conclude(
@@ -238,7 +252,7 @@ class SourceTerm(KernelAlgorithm):
         ti.loop_config(serialize=ti.static(runs_serially(self.size)))
         for n in range(self.size):
             i = self.robot[n]
-            if self.due[n] == 1:
+            if self.readings.ended[n] == 1:
                 hit = self.acquisition.last[n] >= self.p.threshold[n]
                 self.swarm.hits[i] += ti.cast(hit, ti.i32)
                 before = self.swarm.declarations[i]
@@ -258,19 +272,6 @@ class SourceTerm(KernelAlgorithm):
             float(reading >= self.model.threshold_ppm) if self.model.likelihood == "hits" else float(reading)
         )
 
-    def _receivers(self, n: int, tick: int) -> list[int]:
-        """Return robot n and the team mates that receive its measurement."""
-        radio, count = self.group.model.communication, self.group.count
-        if count == 1:
-            return [n]
-        first = n - n % count
-        place = self.swarm.position.values[self.group.start + first : self.group.start + first + count]
-        near = np.linalg.norm(place - place[n - first], axis=1) <= (
-            np.inf if radio.range is None else radio.range
-        )
-        arrives = self.posteriors[n].rng.random(count) >= radio.loss
-        return [first + m for m in range(count) if first + m == n or (near[m] and arrives[m])]
-
     # ------------------------------------------------------------ inference
 
     def _infer(self, n: int, place: np.ndarray) -> tuple[np.ndarray, float, int]:
@@ -279,10 +280,6 @@ class SourceTerm(KernelAlgorithm):
         The goal is a cell of the roads, -1 if there is none.
         """
         posterior, measured = self.posteriors[n], self.measured[n]
-        if self.ends_at > 0.0:
-            middle = centers(self.cells, self.belief_cell) + self.belief_low
-            corner = np.abs(middle - place) + 0.5 * self.belief_cell
-            posterior.rule_out((corner**2).sum(axis=-1) <= self.ends_at**2)
         air = self._dispersions(measured)
         weights = np.stack([self._sensor(at) for at in measured[:, :2]])
         response = np.stack([self._layer(model.adjoint(weights), self.source_layer) for model in air])
@@ -294,6 +291,13 @@ class SourceTerm(KernelAlgorithm):
         p = posterior.probability()
         self.entropy[n] = -(p * np.log(np.where(p > 0.0, p, 1.0))).sum()
         return best.place, best.spread, self._goal(n, place, air, best)
+
+    def _rule_out(self, n: int, place: np.ndarray) -> None:
+        """Rule out the cells around a point [m] by robot n, as the search that measured there has gone on."""
+        if self.ends_at > 0.0:
+            middle = centers(self.cells, self.belief_cell) + self.belief_low
+            corner = np.abs(middle - place) + 0.5 * self.belief_cell
+            self.posteriors[n].rule_out((corner**2).sum(axis=-1) <= self.ends_at**2)
 
     def _goal(self, n: int, place: np.ndarray, air: list[Dispersion], best: Estimate) -> int:
         """Return the next cell of the roads to measure in; -1 if there is none."""

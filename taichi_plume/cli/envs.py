@@ -45,22 +45,21 @@ def record(
     from taichi_plume.files.disk import require_room
 
     out, folder = out or Path(f"{prepared.scenario.name}_bank.zarr"), task.resolve().parent
-    _, size = bank.check(prepared.scenario)
-    if progress:
-        say(size, error=True)
+    _, films = bank.check(prepared.scenario)
     for warning in bank.warnings(prepared.scenario, folder, True) if progress else ():
         say(f"note: {warning}", error=True)
     if os.path.lexists(out):
         bank.require_bank(out)
     out.parent.mkdir(parents=True, exist_ok=True)
     require_room(out.parent / out.name)
+    if progress:
+        say(f"{films}, at most as much on disk", error=True)
     program.start(arch)
     recorded = bank.record(prepared.scenario, folder, True, _print_progress if progress else None)
     recorded.write(out)
     if progress:
         disk = sum(file.stat().st_size for file in out.rglob("*") if file.is_file())
-        sizes = f"{recorded.values.nbytes / 1e6:.3g} MB in memory, {disk / 1e6:.3g} MB on disk"
-        say(f"{out}: {recorded.films} films, {sizes}")
+        say(f"{out}: {films}, {disk / 1e6:.3g} MB on disk")
     return 0
 
 

@@ -305,7 +305,7 @@ def record(
 
 
 def check(scenario: Scenario) -> tuple[int, str]:
-    """Return the number of frames in each recording of a bank for this scenario, and the bank's size in words.
+    """Return the number of frames in each recording of a bank for this scenario, and a text: films, cells and channels.
 
     Raises ValueError if the films do not fit into memory, ScenarioError as `require_parted` does.
     """
@@ -316,17 +316,16 @@ def check(scenario: Scenario) -> tuple[int, str]:
     count = films * frames * prod(cells) * channels
     # half precision on host and device, and one film in single precision during recording
     needed, free = 2 * 2 * count + 4 * count // films, psutil.virtual_memory().available
-    what = f"task: {films} films of {frames} frames of {' x '.join(map(str, cells))} cells"
+    what = f"{films} films of {frames} frames, {frame_of(scenario):g} s apart, of {' x '.join(map(str, cells))} cells"
     narrower = ", narrow task.heights" if len(cells) == 3 else ""
     fewer = f"lower task.airs or task.film{narrower}, or raise task.frame or task.spacing"
     if count > MOST:
-        raise InputError(f"{what} are {count:.3g} numbers, at most {MOST:.3g} are possible; {fewer}")
+        raise InputError(f"task: {what} are {count:.3g} numbers, at most {MOST:.3g} are possible; {fewer}")
     if needed > free:
         raise InputError(
-            f"{what} need {needed / 1e9:.3g} GB of memory, {free / 1e9:.3g} GB are free; {fewer}"
+            f"task: {what} need {needed / 1e9:.3g} GB of memory, {free / 1e9:.3g} GB are free; {fewer}"
         )
-    size = f"{2e-6 * count:.3g} MB in memory, and at most as much on disk"
-    return frames, f"{what}, wind and {channels - 2} gases, {frame_of(scenario):g} s apart: {size}"
+    return frames, f"{what}: wind and {channels - 2} gases, {2e-6 * count:.3g} MB in memory"
 
 
 class _Filming:

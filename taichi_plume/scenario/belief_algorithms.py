@@ -68,7 +68,15 @@ class Declares(AnyAlgorithm):
         yield from super().in_group(where, group, floor)
 
 
-class AnyInfotaxis(Listening, Declares):
+class TeamInference(Listening, Declares):
+    """Algorithms whose robots stand still to measure, and update a belief by each acquisition."""
+
+    share: Literal["none", "readings"] = "none"
+    """Whether the robots of a team share their readings. Each acquisition is sent within the range, rate and loss of
+    `communication`, and updates the belief of each robot that receives it as its own; none: each is on its own."""
+
+
+class AnyInfotaxis(TeamInference):
     """Infotaxis of all kinds. See agents/infotaxis.py."""
 
     searches: ClassVar[bool] = True
@@ -175,7 +183,7 @@ class ParticleFilter(Casting, Declares):
             yield f"memory = {self.memory:g} s is more than 10000 periods of {self.period:g} s; lower it"
 
 
-class HitMap(Listening, Declares):
+class HitMap(TeamInference):
     """Measures where it expects to learn most, on a map of the floor with obstacles (after Ojeda et al. 2021).
 
     See agents/hit_map.py.
@@ -255,7 +263,7 @@ class RatePrior(Model):
             yield f"low = {low:g} kg/s must be below high = {high:g} kg/s"
 
 
-class SourceTerm(Listening, Declares):
+class SourceTerm(TeamInference):
     """Infers place, strength and number of sources by a model of dispersion, and measures where it learns most.
 
     See agents/source_term.py.
@@ -266,6 +274,7 @@ class SourceTerm(Listening, Declares):
     most_cells: ClassVar[int] = 20_000
     most_road_cells: ClassVar[int] = 2_500  # the paths from each cell to each are kept
     kind: Literal["source_term"]
+    share: Literal["none", "readings"] = "readings"
     acquisition: si.Wait = 5.0
     lag: Literal["ignored", "deconvolved"] = "deconvolved"
     """Whether a reading counts as the sensor gives it, or as the gas that the lagging sensor met."""

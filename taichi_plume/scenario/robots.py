@@ -25,7 +25,8 @@ class Communication(Model):
     loss: si.Fraction = 0.0
     """Probability that a robot misses a message."""
     rate: si.Frequency | None = None
-    """Messages per second that a robot with a policy sends, rounded to whole ticks; unless given, one per tick."""
+    """Messages per second that a robot with a policy or with shared readings sends at most. It is rounded to whole
+    ticks; unless given, there is one per tick."""
 
 
 class Group(Model):

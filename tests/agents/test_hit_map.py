@@ -110,8 +110,10 @@ class Learns:
     def _tell(self, x: float, y: float, hit: bool, u: float, v: float):
         for _n in range(1):
             self.algorithm._forget(0)
-            here = self.algorithm.gas.free_cell_of(ti.Vector([x, y]))
-            self.algorithm._learn(0, here, hit, ti.Vector([u, v]))
+            readings = self.algorithm.readings
+            readings.place[0], readings.value[0] = ti.Vector([x, y]), ti.cast(hit, ti.f32)
+            readings.wind[0] = ti.Vector([u, v])
+            self.algorithm._learn(0, 0)
 
     def tell(self, place, hit, wind):
         self._tell(*place, hit, *wind)  # type: ignore

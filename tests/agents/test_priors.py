@@ -72,7 +72,9 @@ def test_areas_have_the_weight_of_their_parts():
 
 @ti.kernel
 def learn(algorithm: Template, detected: int):
-    algorithm._learn(0, detected == 1)
+    algorithm.readings.place[0] = ti.Vector([1.25, 0.75])
+    algorithm.readings.value[0], algorithm.readings.wind[0] = detected, ti.Vector([1.0, 0.0])
+    algorithm._learn(0, 0)
 
 
 def test_posterior_by_bayes_rule(taichi):

@@ -80,18 +80,19 @@ def test_state_goes_on_as_before():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("radio", "own", "others"), [({}, 1, 1), ({"loss": 1.0}, 1, 0), ({"range": 0.5}, 1, 0)]
+    ("radio", "share", "others"),
+    [({}, "readings", 1), ({"loss": 1.0}, "readings", 0), ({"range": 0.5}, "readings", 0), ({}, "none", 0)],
 )
-def test_team_mates_exchange_readings(radio, own, others):
-    """All measurements of both robots, or their own alone if messages are lost or do not reach."""
+def test_team_mates_exchange_readings(radio, share, others):
+    """All measurements of both robots, or their own alone if messages are lost or do not reach, or by the key."""
     starts = {"kind": "positions", "positions": [[4.4, 0.8], [4.4, 2.2]], "heading_deg": 90}
-    sim = built(count=2, start=starts, communication=radio)
+    sim = built(count=2, start=starts, communication=radio, algorithm={"share": share})
     while sim.t < 12.0:
         sim.step()
     stops = sim.swarm.acquisitions.to_numpy()
     assert (stops > 0).all()
     for n, measured in enumerate(sim.teams[0].algorithm.measured):
-        assert len(measured) == own * stops[n] + others * stops[1 - n]
+        assert len(measured) == stops[n] + others * stops[1 - n]
 
 
 def test_lag_is_deconvolved():

