@@ -64,13 +64,13 @@ def measured(case: str) -> DispersionCost:
         make = _milliseconds(lambda model=model: model.append(Dispersion(wind, cell, solid)))
         first, following = (_milliseconds(lambda model=model: model[0].adjoint(sensor)) for _ in range(2))
         rows.append((make, first, following))
-    one = np.zeros(shape)
+    rates = np.zeros(shape)
 
     def every() -> None:
         for at in np.argwhere(~solid):
-            one[:] = 0.0
-            one[tuple(at)] = 1.0
-            model[0].concentration(one)
+            rates[:] = 0.0
+            rates[tuple(at)] = 1.0
+            model[0].concentration(rates)
 
     return DispersionCost(
         case, solid.size, *(median(column) for column in zip(*rows, strict=True)), _milliseconds(every)
