@@ -30,4 +30,4 @@ def mappers(models: Sequence[Map], floor: Floor) -> list[GasMap]:
 
 
 def _kind(model: Map, floor: Floor) -> type[GasMap]:
-    return BeamMap if model.kind == "gmrf" and floor.lasers else KINDS[model.kind]
+    return BeamMap if model.takes_beams and floor.lasers else KINDS[model.kind]

@@ -9,8 +9,8 @@ l_bc = 1 in its cell. Hence H = λ_p L + Σ λ_o l_b l_bᵀ with the Laplacian L
 dense and is inverted by Cholesky's method; mean and variance are exact.
 
 Integrals along beams of a robot's laser as sums over the cells: Arain, Hernandez Bennetts, Schaffernicht & Lilienthal,
-"Sniffing out fugitive methane emissions", Int. J. Robotics Research 2021, doi:10.1177/0278364920954907. Smoothing by links that obstacles cut, and the variance, are
-those of `gmrf`; the combination is ours.
+"Sniffing out fugitive methane emissions", Int. J. Robotics Research 2021, doi:10.1177/0278364920954907. Smoothing
+by links that obstacles cut, and the variance, are those of `gmrf`; the combination is ours.
 
 Beams start at the believed pose of the robot and have the measured length. On a map of the floor the gas counts as
 equal at all heights: a tilted beam has its whole length in the cells below it. On a map with layers a beam that leaves

@@ -148,6 +148,8 @@ class FakeSwarm:
 class FakeMap:
     """Half the truth wherever the first robot has been near."""
 
+    levels = None
+
     def __init__(self, kind: str, cell: float, sim: TimeLoop):
         self.kind, self.cell, self.sim, self.window = kind, cell, sim, None
         lx, ly = sim.grid.extent[:2]

@@ -172,8 +172,8 @@ def test_the_result_tells_the_series():
 
 def test_without_robots_maps_are_scored_all_the_same():
     sim: Any = fake_run.simulation(fake_run.scenario(2, duration=6, robots=[], maps=[]))
-    about = {"cell": 0.25, "window": None, "errors": [], "update": lambda *_: None}
-    vars(sim.scenario)["maps"] = (SimpleNamespace(robot=None, measures="gas"),)
+    about = {"cell": 0.25, "levels": None, "window": None, "errors": [], "update": lambda *_: None}
+    vars(sim.scenario)["maps"] = (SimpleNamespace(robot=None, measures="gas", takes_beams=False),)
     sim.maps.append(SimpleNamespace(**about, estimate=lambda: np.zeros((1, 16, 12))))
     judge, _ = scored(sim, truth=False)
     assert judge.series[0].first("error_ppm")[0] > 0

@@ -46,6 +46,8 @@ class AnyMap(Model):
 
     measures: ClassVar[str] = "gas"
     """Quantity of the map: "gas" or "wind"."""
+    takes_beams: ClassVar[bool] = False
+    """Whether the map takes integrals along the beams of lasers."""
     gains: ClassVar[tuple[str, ...]] = ()
     """Gains of a measurement that the map can compute, see `LeastKnown`."""
     times: ClassVar[tuple[str, ...]] = ()
@@ -67,7 +69,7 @@ class AnyMap(Model):
             elif self.robot >= count:
                 yield f"{where}.robot: {self.robot} is no robot of a trial of {count}; the first one is 0"
 
-        if self.measures == "gas" and self.kind != "gmrf":
+        if self.measures == "gas" and not self.takes_beams:
             for n, group in enumerate(context.scenario.robots):
                 if group.sensors.nose.integrates:
                     yield (
@@ -332,6 +334,7 @@ class FieldMap(AnyMap):
 class MarkovMap(FieldMap, LayeredMap):
     """Mean and variance by a Gaussian Markov random field, cut by obstacles (Monroy et al. 2016, Autonomous Robots)."""
 
+    takes_beams: ClassVar[bool] = True
     gains: ClassVar[tuple[str, ...]] = ("variance", "upper_bound", "information")
     kind: Literal["gmrf"]  # type: ignore[assignment]
     lambda_prior: si.SomeCoefficient = 0.01

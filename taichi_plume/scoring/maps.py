@@ -54,7 +54,7 @@ class MapSeries:
         self.heights = sensor_heights(groups)
         trial = [np.repeat(group.row + np.arange(group.trials), group.count) for group in groups]
         self.trial = np.concatenate([[], *trial]).astype(int)
-        beams = sim.scenario.maps[number].kind == "gmrf"
+        beams = sim.scenario.maps[number].takes_beams
         at_point = [not (beams and group.model.sensors.nose.law == "line") for group in groups]
         self.at_point = np.repeat(np.array(at_point, bool), [group.size for group in groups])
         self.parts = [rows for _, rows in scores.map_rows(sim)]

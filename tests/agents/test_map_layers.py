@@ -70,7 +70,7 @@ def cells():
 def cell_of(place):
     """Flat indices of the cells of points (n, 3)."""
     at = np.floor(place / (CELL, CELL, LAYER)).astype(int)
-    return np.ravel_multi_index(tuple(np.minimum(at, np.array(SHAPE) - 1).T), SHAPE)
+    return np.asarray(np.ravel_multi_index(tuple(np.minimum(at, np.array(SHAPE) - 1).T), SHAPE))
 
 
 def dense_field(rows, now, obstacle, memory=60.0, window=1.0):
