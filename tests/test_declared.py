@@ -36,6 +36,24 @@ def at(*places):
     return lambda t: np.broadcast_to(np.reshape(places, (-1, 2)), (*np.shape(t), len(places), 2))
 
 
+UNKNOWN = np.full(2, np.nan)  # rates of the sources [kg/s]
+
+
+def test_strength_is_that_of_the_nearest_source():
+    """Log error and interval of three declared rates; the fourth robot declares nothing."""
+    now = said_of(4)
+    now["declarations"][:3], now["false_declarations"][:3] = 1, 1
+    now["declared_time"][:3] = 3.0
+    now["declared_position"][:3] = [[1.1, 1.0], [4.0, 1.2], [1.0, 1.2]]
+    now["declared_rate"][:3] = [[2e-6, 1e-6, 3e-6], [5e-6, 4e-6, 6e-6], [1e-6, 1e-7, 9e-7]]
+    group = searchers(1, 4, algorithm="source_term")
+    reported = declared_outcomes(group, now, at([1.0, 1.0], [4.0, 1.0]), np.array([1e-6, 1e-5]))
+    errors = [np.log(2.0), np.log(2.0), 0.0, np.nan]
+    assert reported["strength_error"] == pytest.approx(errors, abs=1e-6, nan_ok=True)
+    assert reported["strength_covered"] == pytest.approx([1.0, 0.0, 0.0, np.nan], nan_ok=True)
+    assert "strength_error" not in declared_outcomes(searchers(1, 4), now, at([1.0, 1.0]), UNKNOWN)
+
+
 def test_a_declaration_is_the_first_right_one_or_the_last():
     """Teams of two, a source at (1, 1): right and wrong; two wrong; one wrong and the other there; nothing at all."""
     now = said_of(8)
@@ -44,14 +62,14 @@ def test_a_declaration_is_the_first_right_one_or_the_last():
     now["declared_time"][:5] = [9.0, 7.0, 4.0, 5.0, 6.0]
     now["declared_position"][:5] = [[1.0, 1.0], [1.0, 1.3], [2.0, 1.0], [1.0, 5.0], [1.0, 0.5]]
     now["reached_time"][[2, 5, 6]] = [8.0, 3.0, np.nan]
-    reported = declared_outcomes(searchers(2, 4, begin=2.0), now, at([1.0, 1.0], [50.0, 50.0]))
+    reported = declared_outcomes(searchers(2, 4, begin=2.0), now, at([1.0, 1.0], [50.0, 50.0]), UNKNOWN)
     assert reported["outcome"] == ["declared", "reached", "reached", "neither"]
     assert reported["declared_time_s"] == pytest.approx([5.0, 3.0, 4.0, np.nan], nan_ok=True)
     assert reported["localisation_error_m"] == pytest.approx([0.3, 4.0, 0.5, np.nan], nan_ok=True)
     assert reported["declarations"] == [4, 2, 2, 0]
     assert reported["false_declarations"] == [2, 2, 2, 0]
     assert reported["reached_time_s"] == pytest.approx([np.nan, 6.0, 1.0, np.nan], nan_ok=True)
-    nowhere = declared_outcomes(searchers(2, 4), now, at())
+    nowhere = declared_outcomes(searchers(2, 4), now, at(), UNKNOWN)
     assert np.isnan(nowhere["localisation_error_m"]).all()
 
 
@@ -59,7 +77,7 @@ def test_a_declaration_is_the_first_right_one_or_the_last():
 def test_who_may_declare_and_has_not_has_none(algorithm, found):
     """Of others it is not known what they would have said."""
     group = searchers(1, 2, algorithm=algorithm, found=found)
-    reported = declared_outcomes(group, said_of(2), at([1.0, 1.0]))
+    reported = declared_outcomes(group, said_of(2), at([1.0, 1.0]), UNKNOWN)
     assert (reported["declarations"], reported["false_declarations"]) == ([0, 0], [0, 0])
     assert not has_declared(reported)
     assert np.isnan(reported["localisation_error_m"] + reported["declared_time_s"]).all()

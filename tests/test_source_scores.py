@@ -17,7 +17,7 @@ def test_sources_are_matched_by_the_least_sum_of_distances():
     rng = np.random.default_rng(1)
     for _ in range(20):
         places, true = rng.random((2, 3, 2))
-        terms = [estimate(*place, 1e-6) for place in places]
+        terms = [estimate(place[0], place[1], 1e-6) for place in places]
         least = min(
             np.linalg.norm(places[list(order)] - true, axis=1).sum() for order in permutations(range(3))
         )

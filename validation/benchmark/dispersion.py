@@ -72,9 +72,8 @@ def measured(case: str) -> DispersionCost:
             rates[tuple(at)] = 1.0
             model[0].concentration(rates)
 
-    return DispersionCost(
-        case, solid.size, *(median(column) for column in zip(*rows, strict=True)), _milliseconds(every)
-    )
+    make, first, following = (median(column) for column in zip(*rows, strict=True))
+    return DispersionCost(case, solid.size, make, first, following, _milliseconds(every))
 
 
 def rooms(arch: str) -> list[DispersionCost]:
