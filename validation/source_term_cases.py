@@ -31,7 +31,7 @@ SEARCHES: dict[str, Keys] = {
     "source_term": {"kind": "source_term"},
     "infotaxis": {"kind": "infotaxis"},
     "infotaxis, deconvolved": {"kind": "infotaxis", "lag": "deconvolved"},
-    "hit_map": {"kind": "hit_map"},
+    "hit_map": {"kind": "hit_map", "lag": "ignored"},
     "hit_map, deconvolved": {"kind": "hit_map", "lag": "deconvolved"},
     "particle_filter": {"kind": "particle_filter"},
 }
@@ -123,17 +123,33 @@ EXPECTED = {
         (f"right, {sensor}: {OURS} less the best other", Range(least=0.0)),
     )
 }
-DISCUSSION = """TODO"""
+DISCUSSION = """Over 144 searches with either sensor, the intervals of 90 % hold the true strength in 88 % (fast)
+and 94 % (slow), and 91 and 94 % of the strengths are right within a factor of 2. The median error of the place is 8 cm.
+
+With slow sensors 69 % of the searches declare rightly within 300 s, beside 15 % of the particle filter, 13 % of the
+hit map and 6 % of infotaxis, whose readings lag. Deconvolved, as the hit map now is by default, it has 67 %, and
+infotaxis 32 %.
+
+Missed: with fast sensors 65 % declare rightly, fewer than the 72 % of the hit map, which dares more: 24 % of its
+declarations are wrong, 4 % of those of source terms; infotaxis has 74 % wrong. Most searches without a declaration
+would have needed more time. In the closed room nobody finds the place, where air drifts at 3 cm/s: the error is about
+0.6 m and the spread says so; infotaxis and the hit map declare wrongly in each search there. Behind the walls of
+`obstacles` with fast sensors 62 % of the strengths are right and 79 % in their intervals: the wind there is known from
+too few places.
+
+The shape of the errors of the model and the correlation length were chosen from twelve other airs of five of these
+rooms, with the model sensor's own lag. Nothing was tuned after the runs that are reported.
+"""
 CASES = (
     Experiment(
         "source_terms",
         "place and strength of a source in six rooms, beside searches whose belief has the place alone",
-        "our bounds, written down before",
+        "the true sources; bounds of our own, written down before",
         (
             Condition("all rooms", partial(compared, rooms=ROOMS), expected=EXPECTED),
             *(Condition(room, partial(compared, rooms=(room,))) for room in ROOMS),
         ),
-        evidence="published",
+        evidence="exact",
         trials=AIRS,
         test_trials=0,
         discussion=DISCUSSION,
