@@ -157,7 +157,8 @@ def search(
             felt = replace(now, position=wheels.position, heading=wheels.heading, blocked=wheels.blocked)
             speed, turn_rate = casting.act(felt, dt)
             wheels.drive(np.where(now.over, 0.0, speed), turn_rate, dt, np.pi)
-            team.be_at(*wheels.position.T, wheels.heading)
+            x, y = wheels.position.T
+            team.be_at(x, y, wheels.heading)
         now = team.wait(5.0)
     return last
 
