@@ -48,7 +48,7 @@ from taichi_plume.agents.shared_readings import SharedReadings
 from taichi_plume.agents.shortest_paths import FAR, Ways
 from taichi_plume.agents.source_posterior import MODEL_SHAPE, Estimate, Rates, SourcePosterior
 from taichi_plume.agents.way_points import WayPoints
-from taichi_plume.agents.wind_map import wind_field
+from taichi_plume.agents.wind_map import FloorWind
 from taichi_plume.engine import ti
 from taichi_plume.grid.grid import centers
 from taichi_plume.scenario.belief_algorithms import SourceTerm as Model
@@ -343,20 +343,10 @@ class SourceTerm(KernelAlgorithm):
     def _dispersions(self, measured: np.ndarray) -> list[Dispersion]:
         """Return the models of dispersion on the wind that the measurements (k, 5) let expect, by diffusivity."""
         model: Model = self.model
-        low, size = self.belief_low, self.belief_cell * np.array(self.cells)
-        parts = np.maximum(1, np.round(size / max(WIND_CELL, model.cell))).astype(int)
-        cell = size / parts
-        wind, _ = wind_field(
-            measured[:, :2] - low,
-            measured[:, 2:4],
-            (size[0], size[1]),
-            float(cell.min()),
-            lambda points: self.clearance.obstacle_distance_at(points + low),
-            self._passes_edge,
-            observation=WIND_PRECISION,
-        )
+        low, field = self.belief_low, self.floor_wind
+        wind = field.mean(measured[:, :2] - low, measured[:, 2:4])
         wind = np.where(np.isnan(wind), measured[:, 2:4].mean(axis=0), wind)
-        at = (centers(self.cells, model.cell) / cell.min()).astype(int)
+        at = (centers(self.cells, model.cell) / field.cell).astype(int)
         wind = wind[tuple(np.minimum(at, np.array(wind.shape[:2]) - 1).transpose(2, 0, 1))]
         layers = self.solid.shape[2:]
         if layers:  # the same at all heights
@@ -372,6 +362,19 @@ class SourceTerm(KernelAlgorithm):
             open_edges=self.edges,
         )
         return [first.with_diffusivity(value) for value in self.diffusivities]
+
+    @cached_property
+    def floor_wind(self) -> FloorWind:
+        """Random field of the wind over the floor."""
+        low, size = self.belief_low, self.belief_cell * np.array(self.cells)
+        parts = np.maximum(1, np.round(size / max(WIND_CELL, self.belief_cell)))
+        return FloorWind(
+            (size[0], size[1]),
+            float((size / parts).min()),
+            lambda points: self.clearance.obstacle_distance_at(points + low),
+            self._passes_edge,
+            observation=WIND_PRECISION,
+        )
 
     def _passes_edge(self, axis: int, side: int, along: np.ndarray, width: float) -> np.ndarray:
         """Return whether air passes the edge of the floor, see `Floor`; edges within the room are open."""

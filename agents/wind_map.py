@@ -21,6 +21,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array, diags_array, vstack
+from scipy.sparse.linalg import spsolve
 
 from taichi_plume.agents.gas_map import Floor, Readers, cell_of, nowhere
 from taichi_plume.agents.gmrf import Links, MarkovField, links, regions
@@ -92,6 +93,33 @@ class WindField:
 
         count: (nx, ny) readings in each cell, weighted by age; total: (nx, ny, 2) their sum [m/s]; known: (nx, ny).
         """
+        matrix, g, asked, known = self._equations(count, total, known)
+        x, within, beyond = solve_columns(matrix, g, self.block)
+        x, own = x * asked, within[:, np.arange(self.block), np.arange(self.block)].ravel() * asked
+        variance = np.empty((*self.free.shape, 2))
+        for axis, (low, high) in enumerate((self.u, self.v)):
+            blocks = (beyond, within)[axis][np.arange(len(low))[:, None], low % self.block, high % self.block]
+            both = blocks * asked[low] * asked[high]
+            variance[..., axis] = 0.25 * (own[low] + own[high] + 2.0 * both)
+        return self._of_cells(x, known), self._unturned(np.where(known[..., None], variance, np.nan))
+
+    def mean(self, count: np.ndarray, total: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """Return the mean wind alone, as `solve` does, in less time."""
+        matrix, g, asked, known = self._equations(count, total, known)
+        return self._of_cells(asked * spsolve(matrix.tocsc(), g), known)
+
+    def _of_cells(self, x: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """Return the wind (nx, ny, 2) of the cells from the velocities x of the faces; NaN in unknown cells."""
+        mean = np.stack([0.5 * (x[low] + x[high]) for low, high in (self.u, self.v)], axis=-1)
+        return self._unturned(np.where(known[..., None], mean, np.nan))
+
+    def _unturned(self, values: np.ndarray) -> np.ndarray:
+        return values.swapaxes(0, 1)[..., ::-1].copy() if self.turned else values
+
+    def _equations(
+        self, count: np.ndarray, total: np.ndarray, known: np.ndarray
+    ) -> tuple[csr_array, np.ndarray, np.ndarray, np.ndarray]:
+        """Return H, g, the faces that are asked for, and the known cells, turned as the field is."""
         if self.turned:
             count, total, known = count.T, total.swapaxes(0, 1)[..., ::-1], known.T
         asked = np.zeros(len(self.is_open), bool)
@@ -110,18 +138,7 @@ class WindField:
             parts.append(csr_array(reads.T @ reads))
         keep = diags_array(asked.astype(float))
         matrix = csr_array(keep @ sum(parts[1:], parts[0]) @ keep + diags_array((~asked).astype(float)))
-        x, within, beyond = solve_columns(matrix, g * asked, self.block)
-        x, own = x * asked, within[:, np.arange(self.block), np.arange(self.block)].ravel() * asked
-        mean, variance = np.empty((*self.free.shape, 2)), np.empty((*self.free.shape, 2))
-        for axis, (low, high) in enumerate((self.u, self.v)):
-            mean[..., axis] = 0.5 * (x[low] + x[high])
-            blocks = (beyond, within)[axis][np.arange(len(low))[:, None], low % self.block, high % self.block]
-            both = blocks * asked[low] * asked[high]
-            variance[..., axis] = 0.25 * (own[low] + own[high] + 2.0 * both)
-        mean[~known], variance[~known] = np.nan, np.nan
-        if self.turned:
-            return mean.swapaxes(0, 1)[..., ::-1].copy(), variance.swapaxes(0, 1)[..., ::-1].copy()
-        return mean, variance
+        return matrix, g * asked, asked, known
 
 
 class WindMap(MarkovField):
@@ -154,33 +171,50 @@ class WindMap(MarkovField):
         return [np.stack(values) for values in zip(*solved, strict=True)]
 
 
-def wind_field(
-    place: np.ndarray,
-    wind: np.ndarray,
-    size: tuple[float, float],
-    cell: float,
-    obstacle_distance: Callable[[np.ndarray], np.ndarray] = nowhere,
-    edge: "Callable[[int, int, np.ndarray, float], np.ndarray] | None" = None,
-    prior: float = models.WIND_PRIOR,
-    mass: float = models.WIND_MASS,
-    observation: float = models.WIND_OBSERVATION,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean [m/s] and variance [m²/s²] of the wind in the cells of a floor, (nx, ny, 2); NaN in unknown cells.
+class FloorWind:
+    """Random field of the wind over a floor, for readings at points.
 
-    place: (n, 2) [m] and wind: (n, 2) [m/s] of the readings; size: of the floor, from the origin on [m]; cell: edge of
-    the cells [m]. obstacle_distance, edge: see `Floor`; by default the floor has neither obstacles nor walls.
+    size: of the floor, from the origin on [m]; cell: edge of the cells [m]. obstacle_distance, edge: see `Floor`; by
+    default the floor has neither obstacles nor walls.
     """
-    shape = round(size[0] / cell), round(size[1] / cell)
-    joined = links(centers(shape, cell), obstacle_distance)
-    free = obstacle_distance(centers(shape, cell)) > 0
-    field = WindField(joined, free, open_edges(shape, cell, edge), prior, mass, observation)
-    at = tuple(np.clip((np.asarray(place) / cell).astype(int), 0, np.array(shape) - 1).T)
-    count, total = np.zeros(shape), np.zeros((*shape, 2))
-    np.add.at(count, at, 1.0)
-    np.add.at(total, at, wind)
-    region = regions(joined)
-    known = np.isin(region, region[(count > 0) & free]) & free
-    return field.solve(count * free, total * free[..., None], known)
+
+    def __init__(
+        self,
+        size: tuple[float, float],
+        cell: float,
+        obstacle_distance: Callable[[np.ndarray], np.ndarray] = nowhere,
+        edge: "Callable[[int, int, np.ndarray, float], np.ndarray] | None" = None,
+        prior: float = models.WIND_PRIOR,
+        mass: float = models.WIND_MASS,
+        observation: float = models.WIND_OBSERVATION,
+    ):
+        self.cell, self.shape = cell, (max(1, round(size[0] / cell)), max(1, round(size[1] / cell)))
+        places = centers(self.shape, cell)
+        joined = links(places, obstacle_distance)
+        self.free, self.region = obstacle_distance(places) > 0, regions(joined)
+        self.field = WindField(
+            joined, self.free, open_edges(self.shape, cell, edge), prior, mass, observation
+        )
+
+    def solve(self, place: np.ndarray, wind: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return mean [m/s] and variance [m²/s²] of the wind in the cells, (nx, ny, 2); NaN in unknown cells.
+
+        place: (n, 2) [m] and wind: (n, 2) [m/s] of the readings.
+        """
+        return self.field.solve(*self._gathered(place, wind))
+
+    def mean(self, place: np.ndarray, wind: np.ndarray) -> np.ndarray:
+        """Return the mean wind alone, as `solve` does, in less time."""
+        return self.field.mean(*self._gathered(place, wind))
+
+    def _gathered(self, place: np.ndarray, wind: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return number and sum of the readings in each cell, and the cells joined to these."""
+        at = tuple(np.clip((np.asarray(place) / self.cell).astype(int), 0, np.array(self.shape) - 1).T)
+        count, total = np.zeros(self.shape), np.zeros((*self.shape, 2))
+        np.add.at(count, at, 1.0)
+        np.add.at(total, at, wind)
+        known = np.isin(self.region, self.region[(count > 0) & self.free]) & self.free
+        return count * self.free, total * self.free[..., None], known
 
 
 def open_edges(shape: tuple[int, int], cell: float, edge: Any) -> list[np.ndarray]:

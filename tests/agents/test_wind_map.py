@@ -6,7 +6,7 @@ from readers import COUNT, EXTENT, TRIALS, Stock, centers, feed, same
 from saved import assert_goes_on
 
 from taichi_plume.agents.gas_map import Floor, nowhere
-from taichi_plume.agents.wind_map import TINY, WindMap, wind_field
+from taichi_plume.agents.wind_map import TINY, FloorWind, WindMap
 from taichi_plume.scenario import maps as map_models
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -129,7 +129,7 @@ def test_mean_and_variance_solve_the_normal_equations(stock, extent, keys, obsta
 
 
 def test_a_reading_in_an_empty_room_is_the_wind_everywhere():
-    mean, variance = wind_field(np.array([[0.6, 0.4]]), np.array([[0.3, -0.1]]), EXTENT, CELL)
+    mean, variance = FloorWind(EXTENT, CELL).solve(np.array([[0.6, 0.4]]), np.array([[0.3, -0.1]]))
     np.testing.assert_allclose(mean, np.broadcast_to([0.3, -0.1], mean.shape), rtol=1e-3)
     assert np.unravel_index(variance[..., 0].argmin(), variance.shape[:2]) == (2, 1)
     np.testing.assert_allclose(variance[2, 1], 0.1, rtol=2e-3)  # that of a reading, 1 / lambda_observation
@@ -143,7 +143,8 @@ def test_the_flux_through_a_narrowing_is_conserved():
 
     place = np.array([[0.45, 0.05 + 0.1 * j] for j in range(10)])
     wind = np.tile([0.2, 0.0], (10, 1))
-    mean, _ = wind_field(place, wind, (4.0, 1.0), 0.1, gap, only_along_x, prior=1e-3, mass=1e4)
+    field = FloorWind((4.0, 1.0), 0.1, gap, only_along_x, prior=1e-3, mass=1e4)
+    mean, _ = field.solve(place, wind)
     flux = 0.1 * np.nansum(mean[..., 0], axis=1)
     np.testing.assert_allclose(flux, flux.mean(), rtol=1e-3)
     np.testing.assert_allclose(flux.mean(), 0.2, rtol=0.02)
@@ -166,7 +167,9 @@ def test_trials_are_separate_and_behind_a_wall_nothing_is_known(stock):
     assert known[1, 4:].all()
     assert known.sum() == 2 * 24
     for trial, place in enumerate(robots.believed):
-        alone, _ = wind_field(place[None], robots.felt[trial][None], EXTENT, CELL, closed)
+        field = FloorWind(EXTENT, CELL, closed)
+        alone, _ = field.solve(place[None], robots.felt[trial][None])
+        np.testing.assert_allclose(field.mean(place[None], robots.felt[trial][None]), alone, atol=1e-7)
         np.testing.assert_allclose(wind_map.estimate()[trial], alone, rtol=1e-6)
     robots.known = np.zeros(2, np.int32)  # calm below the threshold of the anemometers
     robots.show([[0.2, 0.3], [1.6, 1.2]], [0.0, 0.0])
