@@ -12,7 +12,7 @@ from taichi_plume.scenario.species import Species
 class Room:
     """Facts about a room that robots know, besides the obstacles of their clearance map.
 
-    height: of a 3-D room, None in 2-D [m]; depth: of the layer of air in 2-D [m]. passes_edge: see `Floor` of gas maps.
+    extent: along each axis [m]; depth: of the layer of air in 2-D [m]. passes_edge: see `Floor` of gas maps.
     species: of the gas that robots search for, None without gas.
     """
 

@@ -25,7 +25,8 @@ doi:10.1016/j.atmosenv.2006.08.044), free choice of the next place that of cogni
 Gunatilaka 2016, doi:10.1016/j.inffus.2015.04.004). Ours: the likelihood, the Gaussian information, and the limits of
 `Declaring`.
 
-In a team a robot takes the acquisitions that it receives from team mates as its own, see `shared_readings`.
+Sources are taken to stand still. In a team a robot takes the acquisitions that it receives from team mates as its own,
+see `shared_readings`.
 """
 
 from functools import cached_property
@@ -59,9 +60,7 @@ ACQUIRE, MOVE = range(2)
 MODELS = 4  # diffusivities between the limits
 DRAWS = 24  # particles whose plumes are solved for the expected information
 WIND_CELL = 0.25  # m, least edge of the cells of the estimated wind
-SCALE = np.concatenate(
-    [[0.0], np.geomspace(1e-4, 1e6, 400)]
-)  # ppm, of which the steady readings are tabulated
+SCALE = np.array([0.0, *np.geomspace(1e-4, 1e6, 400)])  # ppm, of which the steady readings are tabulated
 WIND_PRECISION = 1000.0  # s²/m², of the mean wind of an acquisition
 THICK = 0.3  # cells: walls nearer to the centre of a cell fill it
 
@@ -107,9 +106,8 @@ class SourceTerm(KernelAlgorithm):
         self.entropy, self.information, self.sources = (
             np.full(self.size, np.nan, np.float32) for _ in range(3)
         )
-        self.rate = np.full(
-            (self.size, 3), np.nan, np.float32
-        )  # median and interval of the surest source [kg/s]
+        # median of the surest source's rate and its interval [kg/s]
+        self.rate = np.full((self.size, 3), np.nan, np.float32)
         self.diffusivities = np.geomspace(*model.diffusivity, MODELS)
         self.pause, self.speed = model.settle + model.acquisition, group.speed(model.speed)
         self.ends_at = self.p.largest("ends_at")
@@ -117,16 +115,15 @@ class SourceTerm(KernelAlgorithm):
         self.per_rate = self.species.ppm_per_density
         self.steady = np.array([self.nose.reads(self.species.name, ppm) for ppm in SCALE])
         self.ways = self.roads.length.to_numpy()  # m
-        self.road_places = centers(self.roads.shape, self.roads.cell).reshape(-1, 2) + np.array(
-            self.roads.low
-        )
+        low = np.array(self.roads.low)
+        self.road_places = centers(self.roads.shape, self.roads.cell).reshape(-1, 2) + low
         self.belief_cell, self.belief_low = model.cell, np.array(self.clearance.low, float)
         extent = np.array(self.clearance.high) - self.belief_low
         self.cells = tuple(max(1, round(length / model.cell)) for length in extent)
         self.flat = Dispersion(np.zeros((*self.cells, 2)), model.cell, self._layer(self.solid, 0))
-        self.sensor_layer = self._layer_at(self.nose.height)
-        height = self.nose.height if model.source_height is None else model.source_height
-        self.source_layer = self._layer_at(height)
+        sensor = self.nose.height + (group.model.start_altitude if group.model.body.flies else 0.0)
+        self.sensor_layer = self._layer_at(sensor)
+        self.source_layer = self._layer_at(sensor if model.source_height is None else model.source_height)
         # place (2) [m], wind (2) [m/s] and reading [ppm] of each measurement of each robot
         self.measured = [np.zeros((0, 5)) for _ in range(self.size)]
         prior = model.rate
@@ -268,9 +265,8 @@ class SourceTerm(KernelAlgorithm):
         """Return the measurement that the likelihood takes: gas [ppm], 1 for a hit and 0 for a miss, or a count."""
         if self.model.likelihood == "readings":
             return float(np.interp(reading, self.steady, SCALE))
-        return (
-            float(reading >= self.model.threshold_ppm) if self.model.likelihood == "hits" else float(reading)
-        )
+        is_hit = reading >= self.model.threshold_ppm
+        return float(is_hit if self.model.likelihood == "hits" else reading)
 
     # ------------------------------------------------------------ inference
 
