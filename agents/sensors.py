@@ -33,7 +33,7 @@ class Sensors:
     [ppm], to which the sensors are zeroed; () for none.
     """
 
-    STATE: tuple[str, ...] = ("noses", "vanes", "classifiers")
+    STATE: tuple[str, ...] = ("noses", "vanes")
 
     def __init__(
         self,
@@ -74,6 +74,12 @@ class Sensors:
         if any(background) and self.count and swarm.episodes is None:
             for sensor in (*self.noses, *self.others):
                 self._read_clean_air(sensor, sum(background))
+
+    def classify_by(self, classifiers: tuple[GasClassifier, ...]) -> None:
+        """Let classifiers tell the gases apart after each measurement."""
+        self.classifiers = classifiers
+        if classifiers:
+            self.STATE = (*self.STATE, "classifiers")
 
     def measure(self, gas: Odour, wind: Wind, tick: int, t: float) -> None:
         """Update all readings from gas and wind at time t [s]; tick: number of the control period, from 1 on."""

@@ -133,9 +133,7 @@ def build(
         set_initial_conditions(scenario, resources, wind, gas.gases)
     around = partial(_around, scenario, grid, air)
     sensors = Sensors(swarm, grid.dim, scenario.tick, gas.species, around, gas.fluctuates, gas.background)
-    sensors.classifiers = classifiers(
-        swarm, _of_groups(resources.classifiers, "sensors.classifier", scenario)
-    )
+    sensors.classify_by(classifiers(swarm, _of_groups(resources.classifiers, "sensors.classifier", scenario)))
     try:
         driving = teams(swarm, scenario.tick, own, networks, recorded, running.teams if running else ())
     except NetworkError as error:

@@ -173,10 +173,9 @@ def advice(got: object, names: Collection[str]) -> str:
 
 
 def meant_key(got: object, keys: Collection[str], cutoff: float = _NEAR) -> str:
-    """Return the key that was probably meant by `got`: spelled alike or a synonym; "" if there is none."""
-    close = nearest(got, keys, cutoff)
+    """Return the key that was probably meant by `got`: a synonym or spelled alike; "" if there is none."""
     same = {plain(word) for group in _SYNONYMS if plain(got) in map(plain, group) for word in group}
-    return close or next((key for key in keys if plain(key) in same), "")
+    return next((key for key in keys if plain(key) in same), "") or nearest(got, keys, cutoff)
 
 
 def hint(got: object, names: Collection[str]) -> str:
