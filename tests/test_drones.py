@@ -12,7 +12,6 @@ from taichi_plume.api.own import Own
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.assembly.preparation import load_scenario
 from taichi_plume.cli import run
-from taichi_plume.contests.entrants import shipped
 from taichi_plume.execution.signals import SignalRequests
 from taichi_plume.files import ros_messages as ros
 from taichi_plume.files.ros_robots import TRANSFORMS
@@ -310,32 +309,6 @@ def test_drones_fly_again_as_before(flock):
     for name, values in sim.swarm.snapshot().items():
         np.testing.assert_array_equal(values, first[name], err_msg=name)
         np.testing.assert_array_equal(again[name], first[name], err_msg=name)
-
-
-def test_drones_do_not_compete():
-    assert "casting_3d" not in [one.name for one in shipped()]
-
-
-@pytest.mark.parametrize(
-    ("key", "reported"),
-    [
-        ("body={mass: 1}", r"body.mass: is for drones"),
-        ("body={kind: drone, radius: 0.1}", r"body.radius: 0.1 m is less than arm"),
-        ("body={kind: drone, max_climb: null}", r"body.max_climb: a drone needs a number"),
-        ("body={kind: drone, wheel_base: 0.1}", r"body.wheel_base: a drone has no wheels"),
-        ("body={kind: free}", r"start.altitude: is for drones"),
-        (
-            "localization={kind: camera}",
-            r"localization: is for robots on the floor, a crazyflie knows its pose",
-        ),
-        ("start.altitude=2.39", r"start.altitude: 2.39 m and body.height of 0.029 m reach above the ceiling"),
-        ("wake=true", r"wake: a wind of kind uniform is not disturbed"),
-        ("algorithm.highest=0.1", r"algorithm.lowest: 0.3 m must be below highest"),
-    ],
-)
-def test_what_drones_are_refused(path, key, reported):
-    with pytest.raises(ScenarioError, match=rf"robots\[0\].{reported}"):
-        load_scenario(path, [f"robots.0.{key}"])
 
 
 def test_a_drone_starts_above_a_box_but_not_in_it(tmp_path):

@@ -95,7 +95,7 @@ class Ours:
     def _play(self):
         for n in range(self.source.shape[0]):
             self.steps[n] = MOST
-            self.algorithm._learn(n, True)
+            self._learn(n, 0, True)
             for t in range(MOST):
                 if self.steps[n] == MOST:
                     self._step(n, t)
@@ -112,7 +112,13 @@ class Ours:
         else:
             u = uniform4(self.swarm.key[None], ti.u32(self.stream), n, t, 0)
             chance = self.algorithm._chance_at(apart, ti.Vector([1.0, 0.0]))
-            self.algorithm._learn(n, u[0] < chance)
+            self._learn(n, t, u[0] < chance)
+
+    @ti.func
+    def _learn(self, n, t, detected):
+        """Let robot n take in a detection or none in step t, where it stands, in a wind along x."""
+        self.algorithm.readings.end(n, t, ti.cast(detected, ti.f32), ti.Vector([1.0, 0.0]))
+        self.algorithm._learn(n, n)
 
 
 # ---------------------------------------------------------------- by the papers' definitions

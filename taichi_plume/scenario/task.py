@@ -69,7 +69,8 @@ class Task(Model):
         return 2.0 * self.episode if self.film is None else self.film
 
     def warnings(self, where: str, context: "Context") -> Iterator[str]:
-        group = context.scenario.learners if context.scenario.robots and self.model_fields_set else None
+        robots = context.scenario.robots
+        group = next((group for group in robots if group.algorithm.kind == "policy"), None)
         if group is not None and group.wake:
             what = "downwash" if group.body.flies else "wake"
             yield f"{where}: films are recorded without robots, so environments leave out the {what} of '{group.name}'"

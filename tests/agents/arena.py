@@ -4,6 +4,7 @@ import numpy as np
 from robots import group
 
 from taichi_plume.agents.placement import place
+from taichi_plume.agents.room import Room
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.agents.team import teams
@@ -13,6 +14,7 @@ from taichi_plume.grid.state import State
 from taichi_plume.scenario.species import SPECIES
 
 TICK = 0.1
+ETHANOL = SPECIES["ethanol"]
 LONGEST = 400  # script
 
 
@@ -88,7 +90,12 @@ class Run:
         self.keys |= keys
         rivals, where, headings = self._placed(algorithm)
         several = len(rivals) > 1
-        self.swarm = Swarm(rivals, where, headings, self.arena, self.sources, self.seed, rivals=several)
+        room = Room(
+            tuple(self.arena.high), 1.0, lambda axis, side, along, width: np.ones(len(along), bool), ETHANOL
+        )
+        self.swarm = Swarm(
+            rivals, where, headings, self.arena, self.sources, self.seed, rivals=several, room=room
+        )
         self.sensors = Sensors(self.swarm, 2, TICK, self.gas.species)
         self.teams = teams(self.swarm, TICK)
         self.tick = 0

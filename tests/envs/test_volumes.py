@@ -227,7 +227,7 @@ def test_the_check_states_that_films_hold_no_downwash():
         "openings": [{"kind": "inlet", "face": "x-", "speed": 0.3}, {"kind": "outlet", "face": "x+"}],
     }
     gas = {"kind": "eulerian", "sources": [{"position": [0.4, 0.5, 0.7], "rate": "1 mg/s", "radius": 0.1}]}
-    robots = [DRONES["robots"][0] | {"wake": True}]
+    robots = [DRONES["robots"][0] | {"wake": True, "algorithm": {"kind": "policy"}}]
     scenario = scenario_from(DRONES | {"wind": wind, "gas": gas, "robots": robots})
     lines = checked(scenario, Path()).resources.warnings
     assert sum("task: " in line and "downwash of 'drones'" in line for line in lines) == 1

@@ -259,7 +259,9 @@ def test_map_score():
 
 
 def test_first_finder_counts():
-    model = SimpleNamespace(begin=0.5, found="reached", algorithm=SimpleNamespace(may_declare=False))
+    model = SimpleNamespace(
+        begin=0.5, found="reached", algorithm=SimpleNamespace(may_declare=False, estimates_rates=False)
+    )
     group: Any = SimpleNamespace(name="team", start=1, count=2, trials=2, model=model)
     snapshot = {
         "found": np.array([1, 1, 1, 0, 0]),
@@ -277,7 +279,9 @@ def test_first_finder_counts():
         "false_declarations": np.zeros(5, int),
     }
     places = np.array([[0.0, 0.0], [9.0, 9.0]])
-    scenario = SimpleNamespace(targets_at=lambda t: np.broadcast_to(places, (*np.shape(t), 2, 2)))
+    scenario = SimpleNamespace(
+        targets_at=lambda t: np.broadcast_to(places, (*np.shape(t), 2, 2)), rates=np.full(2, np.nan)
+    )
     sim: Any = SimpleNamespace(grid=SimpleNamespace(dim=2), scenario=scenario, t=20.0)
     reported = scores.trial_outcomes(sim, group, snapshot)
     expected = {"group": ["team", "team"], "trial": [0, 1], "success": [True, False], "found": [2, 0]}

@@ -203,6 +203,8 @@ def _write_maps(path: Path) -> None:
         truth=values[0],
         measurable=values[0] > 0.1,
         cell=0.25,
+        quantity="gas",
+        levels=None,
         parts=[slice(0, 2)],
     )
     maps = [TimeSeriesMap(kind="time_series")]
