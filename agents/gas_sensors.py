@@ -246,7 +246,7 @@ class GasSensors:
                     value = self._uncalibrated(n, tick, r)
             excess = value
             if ti.static(self.zeroed):
-                excess = ti.max(value - self.clean_ppm(n), 0.0)
+                excess = ti.max(value - self.clean_ppm(n), 0.0)  # type: ignore[operator]
             self.write(i, value, excess)
             if ti.static(self.law.HAS_RESISTANCE):
                 self.resistance[i] = r
