@@ -6,11 +6,11 @@ included) is that of
 
     d = m (G / s) / (H / exp ψ(m0)),    G ~ Gamma(s),  H ~ Gamma(m0)
 
-whiffs in the measured time whose mean varies as a gamma variable of shape s (Yee & Chan 1997,
-doi:10.1016/S1352-2310(96)00229-X), about a mean that the model knows up to an inverse gamma variable of shape m0. The
-ratio has a scaled F distribution of mean m: tails are power laws, so that neither a miss in the plume nor a hit beside
-it rules out a place. s is a parameter of each particle. A detection, or a count of k in n samples above a threshold,
-has the binomial law with the probability that d is above the threshold.
+whiffs in the measured time whose mean varies as a gamma variable of shape s (Yee & Chan 1997, Atmospheric Environment
+31, 991-1002), about a mean that the model knows up to an inverse gamma variable of shape m0. The ratio has a scaled F
+distribution: its tails are power laws, so that neither a miss in the plume nor a hit beside it rules out a place.
+s is a parameter of each particle. A detection, or a count of k in n samples above a threshold, has the binomial law
+with the probability that d is above the threshold.
 
 Priors: places by a map of cells; rates log-uniform or log-normal; each further source is a quarter as probable. Errors
 of the mean wind and of the diffusivity are common to measurements that lie close together: a measurement counts

@@ -22,7 +22,7 @@ The scheme is that of PMFS (Ojeda, Monroy & Gonzalez-Jimenez, IEEE Trans. Roboti
 on an estimated wind, compared with measurements. Theirs simulates filaments of each candidate and compares hits. The
 adjoint of receptors is that of atmospheric source estimation (Keats, Yee & Lien 2007,
 doi:10.1016/j.atmosenv.2006.08.044), free choice of the next place that of cognitive searches (Ristic, Skvortsov &
-Gunatilaka 2016, doi:10.1016/j.inffus.2015.04.004). Ours: the likelihood, the Gaussian information, and the limits of
+Gunatilaka 2016, Information Fusion 28, 1-9). Ours: the likelihood, the Gaussian information, and the limits of
 `Declaring`.
 
 Sources are taken to stand still. In a team a robot takes the acquisitions that it receives from team mates as its own,
