@@ -13,7 +13,7 @@ from taichi_plume.report.maps import maps_of
 from taichi_plume.scenario.loading import ScenarioError, scenario_from
 from taichi_plume.scoring import trials as scores
 
-pytestmark = pytest.mark.usefixtures("taichi")
+pytestmark = [pytest.mark.usefixtures("taichi"), pytest.mark.slow]
 
 SCENARIO = """
 name: drones

@@ -110,6 +110,7 @@ class Air(Wind):
         return ti.Vector([a + b * x[0] + c * x[1] + d * x[2]])
 
 
+@pytest.mark.slow
 def test_drones_fly_and_sense_as_in_an_ordinary_run(engine):
     """The same commands in the same air: ways, altitudes, readings and winds are the same."""
     engine.autoreset = "disabled"

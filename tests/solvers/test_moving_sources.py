@@ -66,6 +66,7 @@ def test_a_path_that_stays_is_no_path_to_the_bit():
     assert np.array_equal(cells[0], cells[1])
 
 
+@pytest.mark.slow
 def test_mass_of_a_moving_source_in_wind_and_among_walls_is_exact():
     """Emitted is the rate times the time in which the source is on; what is not inside has left."""
     data = still(motion={"path": [[1, 1.5, 0.3], [2, 0.4, 0.3]], "loop": True}, start=0.5, stop=1.7)
