@@ -48,7 +48,7 @@ class Estimator(Believer, Protocol):
 
 class Beliefs:
     """Grid beliefs: `p[n, a, b]` is the probability of the source in cell (a, b) by robot n, the prior at first. cell:
-    edge of the square cells [m]. low, extent: lower corner and size of the search area [m]. even weight[a, b]: prior.
+    edge of the square cells [m]. low, extent: lower corner and size of the search area [m]. even * weight[a, b]: prior.
     """
 
     STATE: tuple[str, ...] = ("p",)

@@ -76,7 +76,7 @@ class Sensors:
                 self._read_clean_air(sensor, sum(background))
 
     def classify_by(self, classifiers: tuple[GasClassifier, ...]) -> None:
-        """Let classifiers tell the gases apart after each measurement."""
+        """Let classifiers distinguish the gases after each measurement."""
         self.classifiers = classifiers
         if classifiers:
             self.STATE = (*self.STATE, "classifiers")

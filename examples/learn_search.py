@@ -86,15 +86,15 @@ def policy_of(scenario: Scenario) -> Policy:
     return policy
 
 
-def words(told: dict[str, Any]) -> str:
+def words(scores: dict[str, Any]) -> str:
     """Return a result as one line of text."""
-    share, times = told["success"], told["time_s"]
+    share, times = scores["success"], scores["time_s"]
     found = (
         f", {times['mean']:.1f} s ({times['low']:.1f} to {times['high']:.1f} s) on success"
         if share["mean"]
         else ""
     )
-    airs, censored = told["over_airs"], told["censored_time_s"]
+    airs, censored = scores["over_airs"], scores["censored_time_s"]
     return (
         f"{share['mean']:.1%} of {share['n']} find the source (over {airs['n']} airs {airs['low']:.1%} to "
         f"{airs['high']:.1%}){found}; {censored['mean']:.1f} s ({censored['low']:.1f} to {censored['high']:.1f} s) "
@@ -194,7 +194,7 @@ def learn(scenario: Scenario, bank: Any, args: argparse.Namespace) -> None:
     progress = Progress(args.minutes, begun, 2 * args.envs)
     model.learn(10**9, callback=progress)
     export_onnx(model, args.out / "policy.onnx")
-    told = {
+    scores = {
         "task": args.task.name,
         "minutes": args.minutes,
         "environments": args.envs,
@@ -204,7 +204,7 @@ def learn(scenario: Scenario, bank: Any, args: argparse.Namespace) -> None:
         "cpu_s": time.process_time(),
         "curve": progress.curve,
     }
-    (args.out / "learning.json").write_text(json.dumps(told, indent=1))
+    (args.out / "learning.json").write_text(json.dumps(scores, indent=1))
     envs.close()
 
 
@@ -288,11 +288,11 @@ def summary(found: np.ndarray, times: np.ndarray, air: np.ndarray) -> dict[str, 
 def best_threshold(scenario: Scenario, folder: Path, args: argparse.Namespace) -> float:
     """Threshold of casting with the shortest mean time in training flows and with training positions."""
     places = [tuple(gas.sources[0].position) for _, gas in scenario.gases][::3]
-    told = {
+    scores = {
         threshold: runs(scenario, casting_of(scenario, threshold), folder, places, 0, 2, args.trials)
         for threshold in THRESHOLDS
     }
-    return min(told, key=lambda threshold: told[threshold]["censored_time_s"]["mean"])
+    return min(scores, key=lambda threshold: scores[threshold]["censored_time_s"]["mean"])
 
 
 def in_environment(scenario: Scenario, folder: Path, args: argparse.Namespace) -> dict[str, Any]:
@@ -342,10 +342,10 @@ def draw(out: Path, result: dict[str, Any]) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    told = json.loads((out / "learning.json").read_text())
-    minutes = np.array([one["wall_s"] for one in told["curve"]]) / 60
+    scores = json.loads((out / "learning.json").read_text())
+    minutes = np.array([one["wall_s"] for one in scores["curve"]]) / 60
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
-    left.plot(minutes, [one["success"] for one in told["curve"]])
+    left.plot(minutes, [one["success"] for one in scores["curve"]])
     left.axhline(
         result["casting"]["success"]["mean"], color="tab:orange", linestyle="--", label="casting, held out"
     )
@@ -354,7 +354,7 @@ def draw(out: Path, result: dict[str, Any]) -> None:
     )
     left.set(xlabel="minutes of learning", ylabel="episodes that find the source", ylim=(0, 1.02))
     left.legend()
-    right.plot(minutes, [one["return"] for one in told["curve"]])
+    right.plot(minutes, [one["return"] for one in scores["curve"]])
     right.set(xlabel="minutes of learning", ylabel="return")
     figure.savefig(out / "curves.png", dpi=150)
     figure, axes = plt.subplots(1, 2, figsize=(7, 3.2), layout="constrained")

@@ -290,7 +290,8 @@ class SourceTerm(TeamInference):
     source_height: si.Distance | None = None
     """Height of the sources over the floor; 3-D only. Unless given, that of the gas sensor."""
     cell: si.Length = 0.1
-    """Edge of the cells of the belief and of the model of dispersion. Smaller ones take longer."""
+    """Edge of the cells of the belief and of the model of dispersion. Smaller ones take longer. In 3-D the cells fill
+    the room: with more than 40,000 of them a stop takes seconds."""
     particles: Annotated[int, Field(ge=50, le=20_000)] = 500
     """Number of samples of the posterior of each robot. More make it smoother, and take longer."""
     diffusivity: tuple[SomeDiffusivity, SomeDiffusivity] = (0.002, 0.06)

@@ -113,7 +113,7 @@ def test_intervals_cover_what_they_state():
     assert stats.binomtest(sum(covered), len(covered), 0.9).pvalue > 0.01
 
 
-def test_two_sources_are_told_apart():
+def test_two_sources_are_distinguished():
     rng = np.random.default_rng(6)
     sources = [((0.9, 0.7), 3e-5), ((1.5, 2.5), 2e-5)]
     at = rng.uniform((0.6, 0.1), (4.6, 3.1), (50, 2))
