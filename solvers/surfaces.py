@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import correlate1d, uniform_filter1d
 
 from taichi_plume.engine import ti
-from taichi_plume.engine.fields import LANES, Field
+from taichi_plume.engine.fields import LANES, Field, on_cpu
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.kernels import Pass, Template
 from taichi_plume.solvers.extension import REACH, Extension
@@ -105,6 +105,7 @@ class Surfaces:
         self._coefficient = [ti.filled(np.zeros(len(cell))) for cell in self.faces]  # see `measure`
         self._count = [len(cell) for cell in self.faces]
         self.cells = sum(self._count)
+        self._strips = on_cpu()
         self._extension: Extension | None = None
         # mixing length [m] of a layer that can separate, 0 on plane and concave surfaces
         self._mixing: list[Field] = []
@@ -190,12 +191,16 @@ class Surfaces:
         """Compute the friction coefficients of all surface faces for the present velocities and pressure."""
         for d in ti.static(range(self.dim)):
             count = self._count[d]
-            for k in range((count + LANES - 1) // LANES):
-                values = ti.Vector([0.0] * LANES)
-                for n in range(LANES):
-                    values[n] = self._friction(d, ti.min(k * LANES + n, count - 1))
-                for n in range(ti.min(LANES, count - k * LANES)):
-                    self._coefficient[d][k * LANES + n] = values[n]
+            if ti.static(not self._strips):
+                for k in range(count):
+                    self._coefficient[d][k] = self._friction(d, k)
+            else:
+                for k in range((count + LANES - 1) // LANES):
+                    values = ti.Vector([0.0] * LANES)
+                    for n in range(LANES):
+                        values[n] = self._friction(d, ti.min(k * LANES + n, count - 1))
+                    for n in range(ti.min(LANES, count - k * LANES)):
+                        self._coefficient[d][k * LANES + n] = values[n]
 
     @ti.func
     def slow(self, rate: Template, dt: float):

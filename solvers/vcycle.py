@@ -5,12 +5,15 @@ from math import prod
 import numpy as np
 
 from taichi_plume.engine import ti
+from taichi_plume.engine.device_loops import block_size
 from taichi_plume.engine.fields import on_cpu
 from taichi_plume.grid.kernels import FEW_CELLS, STRIP, Template
 from taichi_plume.solvers.poisson import OpenFractions
 
 OMEGA = 0.8  # damping of the Jacobi sweeps
 COARSEST = 600  # largest number of cells that are solved by their dense inverse
+BLOCK_COARSEST = 64  # the same for a block of a GPU's threads
+BLOCK_CELLS = 16_000  # a level of fewer cells keeps a block of a GPU's threads no longer than its launches take
 
 
 class VCycle:
@@ -22,8 +25,8 @@ class VCycle:
     """
 
     def __init__(self, fractions: OpenFractions):
-        levels = [fractions]
-        while np.prod(levels[-1].shape) > COARSEST and max(levels[-1].shape) > 2:
+        levels, coarsest = [fractions], COARSEST if on_cpu() else BLOCK_COARSEST
+        while np.prod(levels[-1].shape) > coarsest and max(levels[-1].shape) > 2:
             levels.append(levels[-1].coarser())
         self.shapes = [level.shape for level in levels]
         self.periodic = fractions.periodic
@@ -46,9 +49,11 @@ class VCycle:
         self.damped = ti.filled(damped)
         self.x, self.t, self.b = (ti.field(ti.f32, total) for _ in range(3))
         self.pieces = [n[1] * n[2] if self.strips else prod(n) for n in self.shapes]
-        single = FEW_CELLS if on_cpu() else 0  # levels up to this size are solved in a single thread
-        last = len(levels) - 1
+        single, last = FEW_CELLS if on_cpu() else BLOCK_CELLS, len(levels) - 1
         self.threaded = next(k for k, n in enumerate(self.shapes) if prod(n) <= single or k == last)
+        """First of the levels that a single thread solves, or on a GPU a block of threads."""
+        self.progress = ti.filled([1, 0])
+        """Whether the cycle is executed, 1 or 0, and the number of iterations, see `multigrid`."""
         self._invert_coarsest(levels[-1], int(begins[-2]))
 
     @staticmethod
@@ -151,125 +156,137 @@ class VCycle:
             ax += self.a[d][c + step[d]] * (once - self.damped[above] * self.b[above])
         return once + self.damped[c] * (self.b[c] - ax)
 
-    # ---- the V-cycle
+    # ---- the V-cycle: what each pass does to a piece of a level
 
     @ti.func
-    def _smooth(self, source: Template, target: Template, level, pieces):
-        for piece in range(pieces):
-            row, start, _ = self._place(level, piece)
-            self._fill(target, self._jacobi, level, row, start, source)
+    def _presmooth(self, level, piece):
+        row, start, _ = self._place(level, piece)
+        self._fill(self.x, self._jacobi_twice, level, row, start, 0)
 
     @ti.func
-    def _restrict(self, level, coarse_pieces):
-        """Set b of the next coarser level to the residual summed over merged cells, scaled to the coarser spacing."""
-        for piece in range(coarse_pieces):
-            row, coarse, _ = self._place(level + 1, piece)
-            target, _, _, _, _ = self._row(level + 1, row)
-            n1, n2 = self.layout[level, 2], self.layout[level, 3]
-            f0, f1, f2 = self.layout[level, 4], self.layout[level, 5], self.layout[level, 6]
-            k = row // self.layout[level + 1, 2]
-            j = row - k * self.layout[level + 1, 2]
-            length = self.layout[level, 1]
-            scale = 4.0 / ti.cast(f0 * f1 * f2, ti.f32)
-            total = 0.0
-            if ti.static(self.strips):
-                for i in range((length + f0 - 1) >> (f0 - 1)):
-                    self.b[target + i] = 0.0
-            for kk in range(k * f2, ti.min(k * f2 + f2, n2)):
-                for jj in range(j * f1, ti.min(j * f1 + f1, n1)):
-                    first, n0, low, high, step = self._row(level, kk * n1 + jj)
-                    if ti.static(self.strips):
-                        for strip in range((length + STRIP - 1) // STRIP):
-                            count = ti.min(STRIP, length - strip * STRIP)
-                            values = ti.Vector([0.0] * STRIP)
-                            for n in range(count):
-                                i = strip * STRIP + n
-                                ax = self._apply(self.x, first, i, n0, low, high, step)
-                                values[n] = scale * (self.b[first + i] - ax)
-                            for n in range(count):
-                                place = target + ((strip * STRIP + n) >> (f0 - 1))
-                                self.b[place] = self.b[place] + values[n]
-                    else:
-                        for i in range(coarse * f0, ti.min(coarse * f0 + f0, length)):
+    def _restrict(self, level, piece):
+        """Set b of a piece of the next coarser level to the residual summed over merged cells, scaled to the coarser
+        spacing.
+        """
+        row, coarse, _ = self._place(level + 1, piece)
+        target, _, _, _, _ = self._row(level + 1, row)
+        n1, n2 = self.layout[level, 2], self.layout[level, 3]
+        f0, f1, f2 = self.layout[level, 4], self.layout[level, 5], self.layout[level, 6]
+        k = row // self.layout[level + 1, 2]
+        j = row - k * self.layout[level + 1, 2]
+        length = self.layout[level, 1]
+        scale = 4.0 / ti.cast(f0 * f1 * f2, ti.f32)
+        total = 0.0
+        if ti.static(self.strips):
+            for i in range((length + f0 - 1) >> (f0 - 1)):
+                self.b[target + i] = 0.0
+        for kk in range(k * f2, ti.min(k * f2 + f2, n2)):
+            for jj in range(j * f1, ti.min(j * f1 + f1, n1)):
+                first, n0, low, high, step = self._row(level, kk * n1 + jj)
+                if ti.static(self.strips):
+                    for strip in range((length + STRIP - 1) // STRIP):
+                        count = ti.min(STRIP, length - strip * STRIP)
+                        values = ti.Vector([0.0] * STRIP)
+                        for n in range(count):
+                            i = strip * STRIP + n
                             ax = self._apply(self.x, first, i, n0, low, high, step)
-                            total += scale * (self.b[first + i] - ax)
-            if ti.static(not self.strips):
-                self.b[target + coarse] = total
+                            values[n] = scale * (self.b[first + i] - ax)
+                        for n in range(count):
+                            place = target + ((strip * STRIP + n) >> (f0 - 1))
+                            self.b[place] = self.b[place] + values[n]
+                else:
+                    for i in range(coarse * f0, ti.min(coarse * f0 + f0, length)):
+                        ax = self._apply(self.x, first, i, n0, low, high, step)
+                        total += scale * (self.b[first + i] - ax)
+        if ti.static(not self.strips):
+            self.b[target + coarse] = total
 
     @ti.func
-    def _prolong(self, level, pieces):
+    def _prolong(self, level, piece):
         """Add the correction of the next coarser level to x."""
-        for piece in range(pieces):
-            row, start, _ = self._place(level, piece)
-            m0, m1 = self.layout[level + 1, 1], self.layout[level + 1, 2]
-            k = row // self.layout[level, 2]
-            j = row - k * self.layout[level, 2]
-            f0, f1, f2 = self.layout[level, 4], self.layout[level, 5], self.layout[level, 6]
-            begin = self.layout[level + 1, 0] + ((k // f2 + 1) * (m1 + 2) + j // f1 + 1) * (m0 + 2) + 1
-            self._fill(self.x, self._with_coarse, level, row, start, ti.Vector([begin, f0 - 1]))
+        row, start, _ = self._place(level, piece)
+        m0, m1 = self.layout[level + 1, 1], self.layout[level + 1, 2]
+        k = row // self.layout[level, 2]
+        j = row - k * self.layout[level, 2]
+        f0, f1, f2 = self.layout[level, 4], self.layout[level, 5], self.layout[level, 6]
+        begin = self.layout[level + 1, 0] + ((k // f2 + 1) * (m1 + 2) + j // f1 + 1) * (m0 + 2) + 1
+        self._fill(self.x, self._with_coarse, level, row, start, ti.Vector([begin, f0 - 1]))
 
     @ti.func
     def _with_coarse(self, first, i, n0, low: Template, high: Template, step: Template, coarse: Template):
         return self.x[first + i] + self.x[coarse[0] + (i >> coarse[1])]
 
     @ti.func
-    def _down_passes(self, level, pieces, coarse_pieces):
-        for piece in range(pieces):
-            row, start, _ = self._place(level, piece)
-            self._fill(self.x, self._jacobi_twice, level, row, start, 0)
-        self._restrict(level, coarse_pieces)
+    def _smooth_into_t(self, level, piece):
+        row, start, _ = self._place(level, piece)
+        self._fill(self.t, self._jacobi, level, row, start, self.x)
 
     @ti.func
-    def _up_passes(self, level, pieces):
-        self._prolong(level, pieces)
-        self._smooth(self.x, self.t, level, pieces)
-        self._smooth(self.t, self.x, level, pieces)
+    def _smooth_into_x(self, level, piece):
+        row, start, _ = self._place(level, piece)
+        self._fill(self.x, self._jacobi, level, row, start, self.t)
+
+    # ---- the V-cycle: large levels pass by pass, small ones in a single thread or, on a GPU, in a block of threads
+
+    @ti.kernel
+    def _down(self, level: ti.i32, pieces: ti.i32, coarse_pieces: ti.i32):
+        for piece in range(pieces * self.progress[0]):
+            self._presmooth(level, piece)
+        for piece in range(coarse_pieces * self.progress[0]):
+            self._restrict(level, piece)
+
+    @ti.kernel
+    def _up(self, level: ti.i32, pieces: ti.i32):
+        for piece in range(pieces * self.progress[0]):
+            self._prolong(level, piece)
+        for piece in range(pieces * self.progress[0]):
+            self._smooth_into_t(level, piece)
+        for piece in range(pieces * self.progress[0]):
+            self._smooth_into_x(level, piece)
 
     @ti.func
-    def _rows(self, level):
-        return self.layout[level, 2] * self.layout[level, 3]
+    def _by_lane(self, run: Template, level, of_level, lane):
+        """Execute a pass for the pieces of a level that a thread of the block takes, then wait for the others."""
+        pieces = self.layout[of_level, 2] * self.layout[of_level, 3] * self.progress[0]
+        if ti.static(not self.strips):
+            pieces *= self.layout[of_level, 1]
+        width = ti.static(block_size())
+        for n in range((pieces - lane + width - 1) // width):
+            run(level, lane + n * width)
+        ti.barrier()
 
     @ti.func
-    def _solve_coarsest(self):
-        for i in range(self.place.shape[0]):
-            self.dense_b[i] = self.b[self.place[i]]
-        for i in range(self.place.shape[0]):
+    def _solve_coarsest(self, lane):
+        width = ti.static(block_size())
+        for n in range((self.place.shape[0] - lane + width - 1) // width):
+            self.dense_b[lane + n * width] = self.b[self.place[lane + n * width]]
+        ti.barrier()
+        for n in range((self.place.shape[0] - lane + width - 1) // width):
+            i = lane + n * width
             total = 0.0
             for j in range(self.place.shape[0]):
                 total += self.inverse[i, j] * self.dense_b[j]
             self.x[self.place[i]] = total
-
-    @ti.kernel
-    def _coarsest(self):
-        self._solve_coarsest()
-
-    @ti.kernel
-    def _down(self, level: ti.i32, pieces: ti.i32, coarse_pieces: ti.i32):
-        self._down_passes(level, pieces, coarse_pieces)
-
-    @ti.kernel
-    def _up(self, level: ti.i32, pieces: ti.i32):
-        self._up_passes(level, pieces)
+        ti.barrier()
 
     @ti.kernel
     def _coarse_levels(self, begin: ti.i32, end: ti.i32):
-        """Run the V-cycle from level `begin` to the dense inverse of level `end` and back, in a single thread."""
-        if ti.static(on_cpu()):
-            ti.loop_config(serialize=True)
-        for _ in range(1):
+        """Run the V-cycle from level `begin` to the dense inverse of level `end` and back."""
+        ti.loop_config(serialize=ti.static(self.strips), block_dim=ti.static(block_size()))
+        for lane in range(ti.static(block_size())):
             for level in range(begin, end):
-                self._down_passes(level, self._rows(level), self._rows(level + 1))
-            self._solve_coarsest()
+                self._by_lane(self._presmooth, level, level, lane)
+                self._by_lane(self._restrict, level, level + 1, lane)
+            self._solve_coarsest(lane)
             for back in range(end - begin):
                 level = end - 1 - back
-                self._up_passes(level, self._rows(level))
+                self._by_lane(self._prolong, level, level, lane)
+                self._by_lane(self._smooth_into_t, level, level, lane)
+                self._by_lane(self._smooth_into_x, level, level, lane)
 
     def _v_cycle(self) -> None:
         for k in range(self.threaded):
             self._down(k, self.pieces[k], self.pieces[k + 1])
-        if self.threaded < len(self.shapes) - 1:
-            self._coarse_levels(self.threaded, len(self.shapes) - 1)
-        else:
-            self._coarsest()
+        self._coarse_levels(self.threaded, len(self.shapes) - 1)
         for k in reversed(range(self.threaded)):
             self._up(k, self.pieces[k])

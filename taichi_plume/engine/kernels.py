@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume.engine import process, replacements  # noqa: F401  `replacements` lets Taichi trace parts
+from taichi_plume.engine import device_loops, process, replacements  # noqa: F401  change how Taichi builds kernels
 from taichi_plume.engine.arguments import declare_array, setter_of
 from taichi_plume.engine.conditions import same
 from taichi_plume.engine.fields import KINDS, SLACK, ArrayField, on_cpu
@@ -89,6 +89,7 @@ class Instance:
                     context.global_vars = {**function.__globals__, **of_function.free()}
                     for n, name in enumerate(kernel.parts, 1):
                         context.create_variable(name, trace.wrap(n, same, None, parts[n]))
+                    arguments: list[Any] = []
                     for name in kernel.scalars:
                         kind = annotations[name]
                         if isinstance(kind, ndarray_type.NdarrayType):
@@ -100,6 +101,8 @@ class Instance:
                             value = declared_scalar(SCALARS.get(kind, kind), name)
                         context.create_variable(name, value)
                         context.kernel_args.append(name)
+                        arguments.append(value)
+                    device_loops.begin(arguments)
                     build_stmts(context, statements)
                 target.finalize_params()
             finally:

@@ -59,6 +59,11 @@ variable = ASTTransformerContext.get_var_by_name
 """Return a variable of a kernel from an AST context and the variable's name."""
 
 
+def debug_info(ctx: Any, node: ast.AST) -> Any:
+    """Return the source position of a node for Taichi's messages."""
+    return core.DebugInfo(ctx.get_pos_info(node))
+
+
 def mark_function(target: Any, inner: Any) -> None:
     """Mark an object as a function that kernels may call. inner: its `Func`."""
     target._is_taichi_function = True
