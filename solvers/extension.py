@@ -9,6 +9,8 @@ do not (a cylinder of 8 cells at Re 10,000 had a drag coefficient of 0.2; with 0
 the measured value). Beside surfaces along the axes no air passes closed faces.
 """
 
+from collections.abc import Callable
+from functools import partial
 from itertools import combinations_with_replacement, product
 from typing import Any
 
@@ -18,7 +20,7 @@ from scipy.ndimage import maximum_filter, uniform_filter
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass
+from taichi_plume.grid.kernels import Pass, Template, each, together
 
 REACH = 3  # cells that the convection schemes reach
 PLANE = 0.994  # share of the sum of squares of the normals' components along one direction within REACH
@@ -111,28 +113,29 @@ class Extension:
         has_source = used.any(axis=1)
         return face[has_source], np.cumsum(used[has_source].sum(axis=1)), number[places][used], weight[used]
 
-    def setting(self) -> Pass:
-        """Return the pass that sets the velocities on closed faces, ghosts included, from those on open faces."""
-        return Pass(self._extend, sum(self._beside_count) + self.cells)
+    def setting(self) -> list[Pass]:
+        """Return the passes that set the velocities on closed faces, ghosts included, from those on open faces."""
+        slipping = [each(partial(self._slip_at, d), count) for d, count in enumerate(self._beside_count)]
+        return [*together(slipping), *self._on_closed(self._extend)]
 
-    def clearing(self) -> Pass:
-        """Return the pass that resets the velocities on closed faces to 0."""
-        return Pass(self._clear, self.cells)
+    def clearing(self) -> list[Pass]:
+        """Return the passes that reset the velocities on closed faces to 0."""
+        return self._on_closed(self._clear)
 
-    @ti.func
-    def _extend(self, a, b):
-        for d in ti.static(range(self.grid.dim)):
-            for k in range(self._beside_count[d]):
-                self._slip[d][k] = self.surfaces.slip(d, self._beside[d][k])
-        for d in ti.static(range(self.grid.dim)):
-            for k in range(self._count[d]):
-                total = 0.0
-                for m in range(ti.select(k > 0, self._end[d][ti.max(k - 1, 0)], 0), self._end[d][k]):
-                    total += self._weight[d][m] * self._slip[d][self._source[d][m]]
-                self.surfaces.m.u[d][self._face[d][k]] = total
+    def _on_closed(self, at: Callable) -> list[Pass]:
+        return together([each(partial(at, d), count) for d, count in enumerate(self._count)])
 
     @ti.func
-    def _clear(self, a, b):
-        for d in ti.static(range(self.grid.dim)):
-            for k in range(self._count[d]):
-                self.surfaces.m.u[d][self._face[d][k]] = 0.0
+    def _slip_at(self, d: Template, k, a, b):
+        self._slip[d][k] = self.surfaces.slip(d, self._beside[d][k])
+
+    @ti.func
+    def _extend(self, d: Template, k, a, b):
+        total = 0.0
+        for m in range(ti.select(k > 0, self._end[d][ti.max(k - 1, 0)], 0), self._end[d][k]):
+            total += self._weight[d][m] * self._slip[d][self._source[d][m]]
+        self.surfaces.m.u[d][self._face[d][k]] = total
+
+    @ti.func
+    def _clear(self, d: Template, k, a, b):
+        self.surfaces.m.u[d][self._face[d][k]] = 0.0

@@ -18,7 +18,7 @@ from taichi_plume.engine.fields import Field
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, Faces
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass, Template, launch
+from taichi_plume.grid.kernels import Pass, Template, launch, together
 from taichi_plume.grid.sweeps import flux_sweep, sweep
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.boundaries import Boundaries
@@ -41,6 +41,12 @@ from taichi_plume.solvers.time_stepping import HUGE, Limits, stages_for
 from taichi_plume.solvers.transport import Scalar
 from taichi_plume.solvers.turbulence import MODELS
 from taichi_plume.solvers.walls import Walls, distances
+
+
+@ti.func
+def component(u: Template, d: Template, I, a, b):
+    """Return u_d at face I."""
+    return u[d][I]
 
 
 @ti.func
@@ -142,28 +148,33 @@ class FlowSolver(Carrier):
         around = [(begin - 1, end + 1) for begin, end in grid.cells]
 
         def on_faces(term: Callable, out: Faces, *parts: object) -> list[Pass]:
-            return [sweep(partial(term, *parts, d), out[d], faces[d]) for d in axes]
+            return together([sweep(partial(term, *parts, d), out[d], faces[d]) for d in axes])
 
         def of_fluxes(term: Callable) -> list[Pass]:
             fluxes = [[partial(flux, m, d, e) for e in axes] for d in axes]
-            return [flux_sweep(fluxes[d], partial(term, m, d), rate[d], faces[d]) for d in axes]
+            return together([flux_sweep(fluxes[d], partial(term, m, d), rate[d], faces[d]) for d in axes])
 
         slipping = surfaces.slipping if surfaces else lambda convection: convection
         resisting = sum(resistance.cells for resistance in self.resistances)
         self._prepare = launch(
-            *(walls.measuring(u) if walls else []),
-            *(ghosts.updating_losses(u, m) if self.boundaries.has_loss else []),
+            *together(
+                [
+                    *(sweep(partial(component, u, d), u0[d], [(0, n) for n in grid.padded]) for d in axes),
+                    *(walls.measuring(u) if walls else []),
+                    *(ghosts.updating_losses(u, m) if self.boundaries.has_loss else []),
+                ]
+            ),
             *ghosts.filling_pressure(p, True),
         )
         self._fill = launch(*ghosts.filling_velocity(u))
         self._set_viscosity = launch(
             *([sweep(partial(eddy_viscosity, m), self.nu, around)] if m.eddies else []),
             *(walls.extending(self.nu) if walls else []),
-            *([Pass(self._measure_friction, surfaces.cells)] if surfaces else []),
+            *(surfaces.measuring() if surfaces else []),
         )
         self._stage = launch(
             *slipping(of_fluxes(tendency)),
-            *([Pass(self._slow, surfaces.cells)] if surfaces else []),
+            *(surfaces.slowing(rate) if surfaces else []),
             *on_faces(advanced, u, u, u0, rate),
             *([Pass(self._resist, resisting)] if self.resistances else []),
         )
@@ -171,28 +182,19 @@ class FlowSolver(Carrier):
         self._diverge = launch(sweep(partial(net_inflow, m), self._divergence, grid.cells))
         self._correct = launch(
             *ghosts.filling_pressure(phi, False),
-            *on_faces(corrected, u, m, phi),
-            sweep(partial(increased, m, phi), p, around),
+            *together(
+                [
+                    *(sweep(partial(corrected, m, phi, d), u[d], faces[d]) for d in axes),
+                    sweep(partial(increased, m, phi), p, around),
+                ]
+            ),
         )
         self._find_limits = launch(*self.limits.passes())
         self._lose = launch(
             *slipping(of_fluxes(lost)),
             *(ghosts.filling_pressure(p, True) if surfaces else []),
-            *([Pass(self._measure_friction, surfaces.cells)] if surfaces else []),
-            *([Pass(self._add_loss, surfaces.cells)] if surfaces else []),
+            *([*surfaces.measuring(), *surfaces.losing(rate)] if surfaces else []),
         )
-
-    @ti.func
-    def _measure_friction(self, dt, k):
-        self.surfaces.measure()
-
-    @ti.func
-    def _slow(self, dt, k):
-        self.surfaces.slow(self._rate, dt)
-
-    @ti.func
-    def _add_loss(self, dt, k):
-        self.surfaces.add_loss(self._rate)
 
     @ti.func
     def _resist(self, dt, k):
@@ -221,8 +223,6 @@ class FlowSolver(Carrier):
         """Remember u as the velocity at the start of a step of dt [s]; update what stays the same in the step: eddy
         viscosity and friction coefficients are those of its start.
         """
-        for start, u in zip(self._start, self.u, strict=True):
-            start.copy_from(u)
         self._prepare(dt)
         self._fill()
         self._set_viscosity()

@@ -12,7 +12,7 @@ from functools import partial
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 from taichi_plume.grid.fields import Faces
-from taichi_plume.grid.kernels import Pass, Template
+from taichi_plume.grid.kernels import Pass, Template, together
 from taichi_plume.grid.sweeps import sweep
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.momentum import Momentum, density
@@ -28,7 +28,8 @@ class Ghosts:
 
     def filling_velocity(self, u: Faces) -> list[Pass]:
         """Return the passes that set all ghost values of the face velocities u by the boundary conditions."""
-        return [self._filling(u, d, c) for d in range(self.dim) for c in range(self.dim)]
+        axes = range(self.dim)  # the ghost values of an axis continue those of the axes before
+        return [part for d in axes for part in together([self._filling(u, d, c) for c in axes])]
 
     def _filling(self, u: Faces, d: int, c: int) -> Pass:
         """Return the pass that sets the ghost values of component c beyond the boundary faces of axis d."""
@@ -43,25 +44,33 @@ class Ghosts:
         """Return the passes that set prescribed velocities at a fraction `a` of the step, between u0 at its start and
         the targets at its end, and the upper faces of periodic axes.
         """
-        return [
-            sweep(
-                partial(self._prescribed, u, u0, d), u[d], self._sides(d), partial(self._face, d), int(d == 0)
-            )
-            for d in range(self.dim)
-        ]
+        return together(
+            [
+                sweep(
+                    partial(self._prescribed, u, u0, d),
+                    u[d],
+                    self._sides(d),
+                    partial(self._face, d),
+                    int(d == 0),
+                )
+                for d in range(self.dim)
+            ]
+        )
 
     def filling_pressure(self, p: Field, with_ambient: bool) -> list[Pass]:
         """Return the passes that set the ghost values of p such that free faces have the ambient pressure (or zero)."""
-        return [
-            sweep(
-                partial(self._outer, p, with_ambient, d),
-                p,
-                self._sides(d),
-                partial(self._first_ghost, d),
-                int(d == 0),
-            )
-            for d in range(self.dim)
-        ]
+        return together(
+            [
+                sweep(
+                    partial(self._outer, p, with_ambient, d),
+                    p,
+                    [(0, 2) if a == d else cells for a, cells in enumerate(self.grid.cells)],
+                    partial(self._first_ghost, d),
+                    int(d == 0),
+                )
+                for d in range(self.dim)
+            ]
+        )
 
     def updating_losses(self, u: Faces, m: Momentum) -> list[Pass]:
         """Return the passes that set the pressure on free faces from the loss K/2 rho u|u|, rho the density of the air

@@ -19,9 +19,10 @@ THREADS, GROUPS = 1 << 14, 1 << 5  # threads of the first and of the last step o
 class Multigrid(VCycle):
     """Poisson solver by conjugate gradients with one V-cycle as preconditioner; a `pressure.PressureSolver`.
 
-    One sum per iteration: A p follows from A x by the recurrence of p, and p A p from the sums b x and x A x (Chronopoulos
-    & Gear 1989, doi:10.1016/0377-0427(89)90045-9). x is the preconditioned residual of b. On a GPU iterations are
-    launched ahead, as many as the last solution took, and do nothing after the last one that is needed.
+    One sum per iteration: A p follows from A x by the recurrence of p, and p A p from the sums b x and x A x
+    (Chronopoulos & Gear 1989, doi:10.1016/0377-0427(89)90045-9). x is the preconditioned residual of b. On a GPU
+    iterations are launched ahead, as many as the solution before the last one took, as a time step has two. Iterations
+    after the last one that is needed do nothing.
     """
 
     def __init__(self, fractions: OpenFractions, grid: Grid):
@@ -52,7 +53,7 @@ class Multigrid(VCycle):
     # ---- sums over the fine level: added in one order, so results do not depend on the threads
 
     @ti.func
-    def _reduce(self, visit: Template, merge: Template, pieces, source: Template):
+    def _reduce(self, visit: Template, merge: Template, pieces: Template, source: Template):
         """Merge visit(piece, source), two numbers of each fine piece, into partial results, which `_merged` merges.
 
         merge(total, value) is the sum or the maximum. Each thread takes a row on a CPU, every THREADS-th cell on a GPU.
@@ -63,7 +64,7 @@ class Multigrid(VCycle):
         else:
             for lane in range(THREADS):
                 total = ti.Vector([0.0, 0.0])
-                for n in range((pieces * self.progress[0] - lane + (THREADS - 1)) // THREADS):
+                for n in range((pieces - lane + (THREADS - 1)) // THREADS):
                     total = merge(total, visit(lane + n * THREADS, source))
                 self.partial[lane] = total
 
@@ -114,15 +115,12 @@ class Multigrid(VCycle):
     @ti.kernel
     def _load(self, b: Template, pieces: ti.i32):
         """Start from phi = 0: set the residual to b, without closed-off cells and, if floating, without the mean."""
-        for _ in range(1):
-            self.progress[0] = 1
-            self.progress[1] = 0
         self._reduce(self._given, self._plus, pieces, b)
         ti.loop_config(serialize=ti.static(self.strips), block_dim=ti.static(block_size()))
         for lane in range(ti.static(block_size())):
             total = self._merged(self._plus, lane)
             if lane == 0:
-                self.rho[None] = 0.0
+                self.progress[0], self.progress[1], self.rho[None] = 1, 0, 0.0
                 self.mean[None] = ti.cast(total[0] / self.air_cells, ti.f32)
         for piece in range(pieces):
             row, start, end = self._place(0, piece)
@@ -152,7 +150,7 @@ class Multigrid(VCycle):
         """Step along p = x + beta p; `progress` tells whether the largest residual is above the tolerance. t, which
         the V-cycle no longer needs, holds A x.
         """
-        self._reduce(self._products, self._plus, pieces, 0)
+        self._reduce(self._products, self._plus, pieces * self.progress[0], 0)
         ti.loop_config(serialize=ti.static(self.strips), block_dim=ti.static(block_size()))
         for lane in range(ti.static(block_size())):
             total = self._merged(self._plus, lane)
@@ -164,7 +162,7 @@ class Multigrid(VCycle):
                     curvature = ti.cast(total[1], ti.f32)
                 self.rho[None], self.beta[None], self.curvature[None] = rho, beta, curvature
                 self.alpha[None] = ti.select(curvature > 0.0, rho / curvature, 0.0)
-        self._reduce(self._step, self._larger, pieces, 0)
+        self._reduce(self._step, self._larger, pieces * self.progress[0], 0)
         ti.loop_config(serialize=ti.static(self.strips), block_dim=ti.static(block_size()))
         for lane in range(ti.static(block_size())):
             largest = self._merged(self._larger, lane)
@@ -222,8 +220,6 @@ class Multigrid(VCycle):
     def _store(self, phi: Template, pieces: ti.i32):
         """Write the solution to phi, shifted so that the flux through the free faces balances the sources exactly."""
         if ti.static(not self.floating):
-            for _ in range(1):
-                self.progress[0] = 1
             self._reduce(self._outflow, self._plus, pieces, 0)
             ti.loop_config(serialize=ti.static(self.strips), block_dim=ti.static(block_size()))
             for lane in range(ti.static(block_size())):

@@ -9,13 +9,16 @@ length and van Driest's damping D. The separation point of a laminar layer does 
 1949, doi:10.1017/S0001925900000184), as long as the layer is thin compared with the body.
 """
 
+from functools import partial
+
 import numpy as np
 from scipy.ndimage import correlate1d, uniform_filter1d
 
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import LANES, Field, on_cpu
 from taichi_plume.grid.cut_cells import Air
-from taichi_plume.grid.kernels import Pass, Template
+from taichi_plume.grid.fields import Faces
+from taichi_plume.grid.kernels import Pass, Template, each, together
 from taichi_plume.solvers.extension import REACH, Extension
 from taichi_plume.solvers.momentum import Momentum
 from taichi_plume.solvers.turbulence import damped
@@ -119,7 +122,7 @@ class Surfaces:
         """Return `convection` between passes that extend velocities to closed faces and reset them to 0."""
         if self._extension is None or self._extension.cells == 0:
             return convection
-        return [self._extension.setting(), *convection, self._extension.clearing()]
+        return [*self._extension.setting(), *convection, *self._extension.clearing()]
 
     @ti.func
     def _along(self, d: Template, k):
@@ -186,34 +189,53 @@ class Surfaces:
         _, bend = near_surface(speed, y, self.m.viscosity[None], self.m.roughness[None], self.m.rough)
         return (1.0 - straightness(bend)) * self.m.u[d][self._cell[d][k]]
 
-    @ti.func
-    def measure(self):
-        """Compute the friction coefficients of all surface faces for the present velocities and pressure."""
-        for d in ti.static(range(self.dim)):
-            count = self._count[d]
-            if ti.static(not self._strips):
-                for k in range(count):
-                    self._coefficient[d][k] = self._friction(d, k)
-            else:
-                for k in range((count + LANES - 1) // LANES):
-                    values = ti.Vector([0.0] * LANES)
-                    for n in range(LANES):
-                        values[n] = self._friction(d, ti.min(k * LANES + n, count - 1))
-                    for n in range(ti.min(LANES, count - k * LANES)):
-                        self._coefficient[d][k * LANES + n] = values[n]
+    def measuring(self) -> list[Pass]:
+        """Return the passes that compute the friction coefficients of all surface faces for the present velocities and
+        pressure.
+        """
+        return together(
+            [
+                Pass(partial(self._measure, d), count, partial(self._measure_face, d))
+                for d, count in enumerate(self._count)
+            ]
+        )
 
     @ti.func
-    def slow(self, rate: Template, dt: float):
-        """Subtract the surfaces' friction from the rates of change of u [m/s²], implicitly, as friction is stiff."""
-        for d in ti.static(range(self.dim)):
-            for k in range(self._count[d]):
-                I, f = self._cell[d][k], self._coefficient[d][k]
-                rate[d][I] = (rate[d][I] - f * self._along(d, k)[d]) / (1.0 + dt * f)
+    def _measure(self, d: Template, a, b):
+        count = self._count[d]
+        if ti.static(not self._strips):
+            for k in range(count):
+                self._measure_face(d, k, a, b)
+        else:
+            for k in range((count + LANES - 1) // LANES):
+                values = ti.Vector([0.0] * LANES)
+                for n in range(LANES):
+                    values[n] = self._friction(d, ti.min(k * LANES + n, count - 1))
+                for n in range(ti.min(LANES, count - k * LANES)):
+                    self._coefficient[d][k * LANES + n] = values[n]
 
     @ti.func
-    def add_loss(self, loss: Template):
-        """Add the momentum that friction takes from the air to `loss` [m/s² of a whole cell]."""
-        for d in ti.static(range(self.dim)):
-            for k in range(self._count[d]):
-                I, f = self._cell[d][k], self._coefficient[d][k]
-                loss[d][I] = loss[d][I] + self._stored[d][k] * f * self._along(d, k)[d]
+    def _measure_face(self, d: Template, k, a, b):
+        self._coefficient[d][k] = self._friction(d, k)
+
+    def slowing(self, rate: Faces) -> list[Pass]:
+        """Return the passes that subtract the surfaces' friction from the rates of change of u [m/s²], implicitly, as
+        friction is stiff, over a step `a` [s].
+        """
+        axes = enumerate(self._count)
+        return together([each(partial(self._slow, rate, d), count) for d, count in axes])
+
+    @ti.func
+    def _slow(self, rate: Template, d: Template, k, dt, b):
+        I, f = self._cell[d][k], self._coefficient[d][k]
+        rate[d][I] = (rate[d][I] - f * self._along(d, k)[d]) / (1.0 + dt * f)
+
+    def losing(self, loss: Faces) -> list[Pass]:
+        """Return the passes that add the momentum that friction takes from the air to `loss` [m/s² of a whole cell]."""
+        axes = enumerate(self._count)
+        return together([each(partial(self._add_loss, loss, d), count) for d, count in axes])
+
+    @ti.func
+    def _add_loss(self, loss: Template, d: Template, k, a, b):
+        I, f = self._cell[d][k], self._coefficient[d][k]
+        loss[d][I] = loss[d][I] + self._stored[d][k] * f * self._along(d, k)[d]

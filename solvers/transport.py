@@ -10,7 +10,7 @@ conserved for any number of steps and for changes of any size.
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from math import ceil
+from math import ceil, prod
 from typing import cast
 
 import numpy as np
@@ -20,7 +20,7 @@ from taichi_plume.engine.fields import Field
 from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
-from taichi_plume.grid.kernels import Pass, Template, launch
+from taichi_plume.grid.kernels import Pass, Template, each, launch, together
 from taichi_plume.grid.sweeps import flux_sweep, sweep
 from taichi_plume.solvers.convection import Limited
 from taichi_plume.solvers.openings import Patch
@@ -107,15 +107,18 @@ class Transport:
         cells = grid.cells
         self._stage = launch(
             *([release.into(self.q, self.rest, self._start)] if release else []),
-            *(
-                sweep(
-                    partial(self._beyond, d),
-                    (self.q,) * grid.ghost,
-                    ranges,
-                    partial(self._ghost, d),
-                    int(d == 0),
-                )
-                for d, ranges in enumerate([(0, n) for n in side] for side in self._sides)
+            Pass(self._begin_count, 1),
+            *together(
+                [
+                    sweep(
+                        partial(self._beyond, d),
+                        (self.q,) * grid.ghost,
+                        [(0, n) for n in side],
+                        partial(self._ghost, d),
+                        int(d == 0),
+                    )
+                    for d, side in enumerate(self._sides)
+                ]
             ),
             flux_sweep(
                 [partial(self._flux, d) for d in range(self.dim)],
@@ -125,7 +128,7 @@ class Transport:
                 exact=True,
             ),
             *([surfaces.into(self.rate, self.q)] if surfaces else []),
-            Pass(self._count_outflow, grid.boundary_faces),
+            *self._counting(),
             sweep(self._advanced, (self.q, self.rest), cells),
         )
 
@@ -214,30 +217,46 @@ class Transport:
                 values[m] = value
         return values
 
+    def _counting(self) -> list[Pass]:
+        """Return the passes that add the outflow and the inflow through the domain's faces in a stage to their totals.
+
+        A thread adds up a line of boundary faces, along the first axis.
+        """
+        axes = [d for d in range(self.dim) if not self.grid.periodic[d]]
+        lines = [each(partial(self._count_line, d), prod(self._sides[d][1:])) for d in axes]
+        return [*together(lines), Pass(self._end_count, 1)]
+
     @ti.func
-    def _count_outflow(self, h, stage):
-        """Add the outflow and the inflow through the domain's faces in this stage to their totals."""
+    def _begin_count(self, h, stage):
         self._outflow.begin(stage)
         if ti.static(len(self.inflow) > 0):
             self._inflow.begin(stage)
-        for d in ti.static([a for a in range(self.dim) if not self.grid.periodic[a]]):
-            for J in ti.grouped(ti.ndrange(*self._sides[d][:0:-1])):
-                K = ti.Vector([0] + [J[self.dim - 2 - e] for e in ti.static(range(self.dim - 1))])
-                D = ti.Vector.unit(self.dim, d, ti.i32)
-                out, into = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
-                for i in range(self._sides[d][0]):
-                    K[0] = i
-                    face = K + ti.static(self.grid.ghost) + D * K[d] * (ti.static(self.grid.shape[d]) - 1)
-                    leaves = ti.cast(self._flux(d, face) * (2 * K[d] - 1), ti.f64)
-                    out += leaves
-                    if ti.static(len(self.inflow) > 0):
-                        into -= ti.min(leaves, 0.0)
-                self._outflow.add(out)
-                if ti.static(len(self.inflow) > 0):
-                    self._inflow.add(into)
+
+    @ti.func
+    def _end_count(self, h, stage):
         self._outflow.end(h)
         if ti.static(len(self.inflow) > 0):
             self._inflow.end(h)
+
+    @ti.func
+    def _count_line(self, d: Template, n, h, stage):
+        K = ti.Vector.zero(ti.i32, self.dim)
+        K[1] = n
+        if ti.static(self.dim == 3):
+            K[2] = ti.raw_div(n, self._sides[d][1])
+            K[1] = n - K[2] * self._sides[d][1]
+        D = ti.Vector.unit(self.dim, d, ti.i32)
+        out, into = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+        for i in range(self._sides[d][0]):
+            K[0] = i
+            face = K + ti.static(self.grid.ghost) + D * K[d] * (ti.static(self.grid.shape[d]) - 1)
+            leaves = ti.cast(self._flux(d, face) * (2 * K[d] - 1), ti.f64)
+            out += leaves
+            if ti.static(len(self.inflow) > 0):
+                into -= ti.min(leaves, 0.0)
+        self._outflow.add(out)
+        if ti.static(len(self.inflow) > 0):
+            self._inflow.add(into)
 
     # ---------------------------------------------------------------- the step
 

@@ -13,7 +13,9 @@ from taichi_plume.solvers.poisson import OpenFractions
 OMEGA = 0.8  # damping of the Jacobi sweeps
 COARSEST = 600  # largest number of cells that are solved by their dense inverse
 BLOCK_COARSEST = 64  # the same for a block of a GPU's threads
-BLOCK_CELLS = 16_000  # a level of fewer cells keeps a block of a GPU's threads no longer than its launches take
+BLOCK_CELLS = (
+    16_000  # a level of fewer cells keeps a block of a GPU's threads no longer than its launches take
+)
 
 
 class VCycle:

@@ -14,7 +14,16 @@ from typing import Any
 
 from taichi_plume.engine.cells import macro
 from taichi_plume.engine.fields import on_cpu
-from taichi_plume.engine.library import ASTTransformer, Expr, build_stmt, build_stmts, debug_info, impl, make_matrix, taichi
+from taichi_plume.engine.library import (
+    ASTTransformer,
+    Expr,
+    build_stmt,
+    build_stmts,
+    debug_info,
+    impl,
+    make_matrix,
+    taichi,
+)
 from taichi_plume.engine.trace import Number
 
 LOG_THREADS = 17

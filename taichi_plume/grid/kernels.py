@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import accumulate, groupby
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from taichi_plume.engine import ti
@@ -27,10 +27,54 @@ FEW_ROWS = 2000  # with fewer rows, strips are tasks too
 
 @dataclass(frozen=True)
 class Pass:
-    """Part of a kernel for `launch`: ti.func ``run(a, b)``, and the approximate number of cells that it sets."""
+    """Part of a kernel for `launch`: ti.func ``run(a, b)``, and the approximate number of cells that it sets.
+
+    at: ti.func ``at(n, a, b)`` that sets the n-th cell alone, for `together`.
+    """
 
     run: Callable[[Expression, Expression], None]
     cells: int
+    at: Callable[[Expression, Expression, Expression], None] | None = None
+
+
+class _Each:
+    def __init__(self, at: Callable, count: int):
+        self.at, self.count = at, count
+
+    @ti.func
+    def run(self, a, b):
+        for n in range(self.count):
+            self.at(n, a, b)
+
+
+def each(at: Callable, count: int) -> Pass:
+    """Return the pass that executes ti.func ``at(n, a, b)`` for n in range(count)."""
+    return Pass(_Each(at, count).run, count, at)
+
+
+class _Together:
+    def __init__(self, passes: Sequence[Pass]):
+        self.at = tuple(part.at for part in passes)
+        self.ends = tuple(accumulate(part.cells for part in passes))
+        self.begins = (0, *self.ends[:-1])
+        self.cells = self.ends[-1]
+
+    @ti.func
+    def run(self, a, b):
+        for n in range(self.cells):
+            for k in ti.static(range(len(self.at))):
+                if self.begins[k] <= n and n < self.ends[k]:
+                    self.at[k](n - self.begins[k], a, b)
+
+
+def together(passes: Sequence[Pass]) -> list[Pass]:
+    """Return passes none of which reads what another sets; on a GPU they become one loop, as a launch takes as long as
+    10,000 cells. Their numbers of cells must be exact.
+    """
+    if on_cpu() or len(passes) < 2:
+        return list(passes)
+    loop = _Together(passes)
+    return [Pass(loop.run, loop.cells)]
 
 
 def launch(*passes: Pass) -> Callable[..., None]:

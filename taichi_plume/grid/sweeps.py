@@ -44,6 +44,20 @@ def same_cell(I, m: Template):
     return I
 
 
+@ti.func
+def nth_cell(n, ranges: Template, like: Template):
+    """Return the n-th cell of a range per axis, the first axis fastest, for fields like this one."""
+    dim = ti.static(len(ranges))
+    J, rest = ti.Vector.zero(ti.i32, dim), n
+    for d in ti.static(range(dim - 1)):
+        size = ranges[d][1] - ranges[d][0]
+        above = ti.raw_div(rest, size)
+        J[dim - 1 - d] = ranges[d][0] + rest - above * size
+        rest = above
+    J[0] = ranges[dim - 1][0] + rest
+    return ti.along(ti.row(J, (like,)), J[dim - 1])
+
+
 class _Sweep:
     def __init__(self, body: Callable, outs: Sequence[Field], ranges: Ranges, place: Callable, axis: int):
         self.body, self.outs, self.place = body, tuple(outs), place
@@ -52,6 +66,7 @@ class _Sweep:
         self.begin, self.end = ranges[self.axis]
         self.strips = -(-(self.end - self.begin) // LANES)
         self.rows = tuple(ranges[d] for d in reversed(range(self.dim)) if d != self.axis)  # last axis slowest
+        self.ranges = tuple(ranges)
         self.few_rows = prod(b - a for a, b in self.rows) < FEW_ROWS
 
     @ti.func
@@ -86,14 +101,19 @@ class _Sweep:
 
     @ti.func
     def by_cell(self, a, b):
-        for J in ti.grouped(ti.ndrange(*self.rows, (self.begin, self.end))):
-            I = ti.along(ti.row(J, (self.outs[0],)), J[self.dim - 1])
-            if ti.static(self.count == 1):
-                self.outs[0][self.place(I, 0)] = self.body(I, a, b)
-            else:
-                several = self.body(I, a, b)
-                for m in ti.static(range(self.count)):
-                    self.outs[m][self.place(I, m)] = several[m]
+        for n in range(self.cells):
+            self.at(n, a, b)
+
+    @ti.func
+    def at(self, n, a, b):
+        """Set the n-th cell."""
+        I = nth_cell(n, self.ranges, self.outs[0])
+        if ti.static(self.count == 1):
+            self.outs[0][self.place(I, 0)] = self.body(I, a, b)
+        else:
+            several = self.body(I, a, b)
+            for m in ti.static(range(self.count)):
+                self.outs[m][self.place(I, m)] = several[m]
 
 
 def sweep(
@@ -108,7 +128,7 @@ def sweep(
     """
     loops = _Sweep(body, out if isinstance(out, tuple) else (out,), ranges, place, axis)
     if not on_cpu():
-        return Pass(loops.by_cell, loops.cells)
+        return Pass(loops.by_cell, loops.cells, loops.at)
     parallel = loops.few_rows and loops.cells > FEW_CELLS
     return Pass(loops.by_strip if parallel else loops.by_row, loops.cells)
 
@@ -116,7 +136,7 @@ def sweep(
 class _FluxSweep:
     def __init__(self, fluxes: Sequence[Callable], body: Callable, out: Field, ranges: Ranges, exact: bool):
         self.fluxes, self.body, self.out, self.exact = tuple(fluxes), body, out, exact
-        self.ranges = tuple(reversed(ranges))  # last axis slowest
+        self.ranges = tuple(ranges)
         self.dim, self.cells = len(ranges), prod(end - begin for begin, end in ranges)
         (self.begin, self.end), (self.low, self.high) = ranges[:2]
         self.bottom, self.top = ranges[2] if self.dim == 3 else (0, 1)
@@ -185,14 +205,17 @@ class _FluxSweep:
 
     @ti.func
     def by_cell(self, a, b):
-        for J in ti.grouped(ti.ndrange(*self.ranges)):
-            I = ti.along(ti.row(J, (self.out,)), J[self.dim - 1])
-            net = self.difference(0.0, 0.0)
-            for e in ti.static(range(self.dim)):
-                net += self.difference(
-                    self.fluxes[e](I), self.fluxes[e](I + ti.Vector.unit(self.dim, e, ti.i32))
-                )
-            self.out[I] = self.body(I, net, a, b)
+        for n in range(self.cells):
+            self.at(n, a, b)
+
+    @ti.func
+    def at(self, n, a, b):
+        """Set the n-th cell."""
+        I = nth_cell(n, self.ranges, self.out)
+        net = self.difference(0.0, 0.0)
+        for e in ti.static(range(self.dim)):
+            net += self.difference(self.fluxes[e](I), self.fluxes[e](I + ti.Vector.unit(self.dim, e, ti.i32)))
+        self.out[I] = self.body(I, net, a, b)
 
 
 def flux_sweep(
@@ -209,5 +232,5 @@ def flux_sweep(
     """
     loops = _FluxSweep(fluxes, body, out, ranges, exact)
     if not on_cpu():
-        return Pass(loops.by_cell, loops.cells)
+        return Pass(loops.by_cell, loops.cells, loops.at)
     return Pass(loops.by_part if loops.cells > FEW_CELLS else loops.in_order, loops.cells)
