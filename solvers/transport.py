@@ -105,6 +105,7 @@ class Transport:
         self._set_diffusivity(diffusivity, schmidt)
         self._face_value, self._steepest = scheme
         cells = grid.cells
+        self._keep = launch(sweep(self._present, self._start, [(0, n) for n in grid.padded]))
         self._stage = launch(
             *([release.into(self.q, self.rest, self._start)] if release else []),
             Pass(self._begin_count, 1),
@@ -162,6 +163,10 @@ class Transport:
         if ti.static(self.eddies):
             K += 0.5 * self._per_schmidt * (self.wind.nu[I] + self.wind.nu[I - D])
         return K
+
+    @ti.func
+    def _present(self, I, a, b):
+        return self.q[I]
 
     @ti.func
     def _flux(self, d: Template, I):
@@ -278,7 +283,7 @@ class Transport:
         stages of dt/(s - 1), another stage, and the mean of their rates over the step.
         """
         stages = 1 + max(1, ceil(self._euler_steps(dt) - 1e-9))
-        self._start.copy_from(self.q)
+        self._keep()
         for n in range(stages - 1):
             self._stage(dt / (stages - 1), FIRST if n == 0 else BETWEEN)
         self._stage(dt / stages, LAST)

@@ -86,6 +86,11 @@ def variable(context: Any, name: str) -> Any:
     return context.get_var_by_name(name)[1]
 
 
+def debug_info(ctx: Any, node: ast.AST) -> Any:
+    """Return the source position of a node for the messages of Quadrants."""
+    return core.DebugInfo(ctx.get_pos_info(node))
+
+
 def mark_function(target: Any, inner: Any) -> None:
     """Mark an object as a function that kernels may call."""
     target._is_quadrants_function = True

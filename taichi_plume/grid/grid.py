@@ -7,7 +7,6 @@ d-face of cell I. Fields store axis 0 contiguously, where the domain is usually 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from math import prod
 from typing import Any
 
 import numpy as np
@@ -94,11 +93,6 @@ class Grid:
     def faces(self, d: int) -> tuple[tuple[int, int], ...]:
         """Return (first, end) per axis of the faces across d: of inner cells, with the domain's upper faces."""
         return tuple((begin, end + (a == d)) for a, (begin, end) in enumerate(self.cells))
-
-    @property
-    def boundary_faces(self) -> int:
-        """Number of faces on the domain's boundary."""
-        return sum(2 * prod(self.shape) // n for n in self.shape)
 
     def field(self, shape: tuple[int, ...] = (), dtype: object = ti.f32) -> Field:
         """Return a new scalar field over the padded grid (or `shape`), axis 0 contiguous."""

@@ -97,6 +97,8 @@ def test_multigrid_by_cells_as_on_a_gpu(fields, case, monkeypatch):
     by_cells = Multigrid(fractions, grid)
     assert not by_cells.strips
     result = solve(by_cells, grid, fields, b, 1e-4)[air]
+    if by_cells.floating:
+        by_rows, result = by_rows - by_rows.mean(), result - result.mean()
     np.testing.assert_allclose(result, by_rows, atol=1e-4 * np.abs(by_rows).max())
 
 
