@@ -20,6 +20,7 @@ from taichi_plume.engine.library import (
     build_stmt,
     build_stmts,
     debug_info,
+    decorator_of,
     impl,
     make_matrix,
     taichi,
@@ -64,12 +65,12 @@ def _inside() -> Iterator[None]:
 
 def _bounds(ctx: Any, node: ast.For) -> list[tuple[Any, Any]] | None:
     """Return the first index and the end of each range of a loop; None for a loop over other things."""
-    kind, call = ASTTransformer.get_decorator(ctx, node.iter), node.iter
+    kind, call = decorator_of(ctx, node.iter), node.iter
     if not isinstance(call, ast.Call):
         return None
     if kind == "grouped":
         call = call.args[0]
-        kind = ASTTransformer.get_decorator(ctx, call)
+        kind = decorator_of(ctx, call)
     if kind == "ndrange":
         return build_stmt(ctx, call).bounds
     if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "range":
@@ -80,7 +81,7 @@ def _bounds(ctx: Any, node: ast.For) -> list[tuple[Any, Any]] | None:
 
 def _build_for(ctx: Any, node: ast.For, plain: Callable = ASTTransformer.build_For) -> None:
     """Build a loop as Taichi does; a parallel one on a GPU, with bounds that are no constants, over threads."""
-    if ASTTransformer.get_decorator(ctx, node.iter) == "static":
+    if decorator_of(ctx, node.iter) == "static":
         plain(ctx, node)
         return
     bounds = None if _open or on_cpu() else _bounds(ctx, node)
@@ -92,7 +93,7 @@ def _build_for(ctx: Any, node: ast.For, plain: Callable = ASTTransformer.build_F
 
 
 def _build_threads(ctx: Any, node: ast.For, bounds: Sequence[tuple[Any, Any]]) -> None:
-    grouped = ASTTransformer.get_decorator(ctx, node.iter) == "grouped"
+    grouped = decorator_of(ctx, node.iter) == "grouped"
     sizes = [end - begin for begin, end in bounds]
     with ctx.loop_scope_guard(), ctx.variable_scope_guard():
         thread = _begin(ctx, node, THREADS)
@@ -126,7 +127,7 @@ def _build_while(ctx: Any, node: ast.While, plain: Callable = ASTTransformer.bui
 
 
 def _build_if(ctx: Any, node: ast.If, plain: Callable = ASTTransformer.build_If) -> Any:
-    if ASTTransformer.get_decorator(ctx, node.test) == "static":
+    if decorator_of(ctx, node.test) == "static":
         return plain(ctx, node)
     with _inside():
         return plain(ctx, node)

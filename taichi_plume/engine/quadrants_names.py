@@ -27,6 +27,7 @@ from quadrants.lang.ast.ast_transformer_utils import (
     ASTTransformerFuncContext,
     ASTTransformerGlobalContext,
     Builder,
+    get_decorator,
 )
 from quadrants.lang.ast.ast_transformers.call_transformer import CallTransformer
 from quadrants.lang.exception import QuadrantsCompilationError as CompilationError
@@ -86,9 +87,12 @@ def variable(context: Any, name: str) -> Any:
     return context.get_var_by_name(name)[1]
 
 
+decorator_of = get_decorator
+
+
 def debug_info(ctx: Any, node: ast.AST) -> Any:
     """Return the source position of a node for the messages of Quadrants."""
-    return core.DebugInfo(ctx.get_pos_info(node))
+    return core.DebugInfo(ctx.memoized_get_pos_info(node))
 
 
 def mark_function(target: Any, inner: Any) -> None:

@@ -59,6 +59,10 @@ variable = ASTTransformerContext.get_var_by_name
 """Return a variable of a kernel from an AST context and the variable's name."""
 
 
+decorator_of = ASTTransformer.get_decorator
+"""Return the name of the special function, such as "static", that a node calls; "" if none."""
+
+
 def debug_info(ctx: Any, node: ast.AST) -> Any:
     """Return the source position of a node for Taichi's messages."""
     return core.DebugInfo(ctx.get_pos_info(node))
