@@ -29,6 +29,7 @@ from taichi_plume.engine.library import (
     kernel_arguments,
     kernel_context,
     kernel_impl,
+    launch_context,
     ndarray_type,
     taichi,
 )
@@ -150,7 +151,7 @@ class Bound:
         return self.program is impl.get_runtime().prog and not process.forked
 
     def _context(self) -> Any:
-        context = self.instance.traced.make_launch_context()
+        context = launch_context(self.instance.traced)
         for n, (value, setter) in enumerate(self.extra, self.first):
             if setter == "field":
                 _put_field(context, n, value)

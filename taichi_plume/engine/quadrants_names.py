@@ -35,6 +35,7 @@ from quadrants.lang.exception import QuadrantsSyntaxError as KernelSyntaxError
 from quadrants.lang.expr import Expr
 from quadrants.lang.field import Field as SNodeField
 from quadrants.lang.impl import PyQuadrants as Runtime
+from quadrants.lang.kernel import _GRAPH_ENABLED
 from quadrants.lang.kernel_impl import Func, Kernel
 from quadrants.lang.matrix import Matrix, MatrixType, make_matrix
 from quadrants.lang.struct import StructType
@@ -185,3 +186,13 @@ def argument_index(n: int) -> Any:
 def compile_kernel(program: Any, kernel: Any) -> Any:
     """Return the compiled form of a kernel; Quadrants also returns whether the form was in the cache."""
     return program.compile_kernel(program.config(), program.get_device_caps(), kernel).compiled_kernel_data
+
+
+def launch_context(kernel: Any) -> Any:
+    """Return a new context of launches of a kernel; on a card of NVIDIA its loops are launched as one CUDA graph.
+
+    QD_GRAPH=0 in the environment launches loops one by one. Without a card Quadrants ignores the request.
+    """
+    context = kernel.make_launch_context()
+    context.use_graph = _GRAPH_ENABLED
+    return context

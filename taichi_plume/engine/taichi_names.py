@@ -143,3 +143,8 @@ def argument_index(n: int) -> Any:
 def compile_kernel(program: Any, kernel: Any) -> Any:
     """Return the compiled form of a kernel."""
     return program.compile_kernel(program.config(), program.get_device_caps(), kernel)
+
+
+def launch_context(kernel: Any) -> Any:
+    """Return a new context of launches of a kernel of the library's core."""
+    return kernel.make_launch_context()
