@@ -7,8 +7,8 @@ docstring, up to the next parameter or the end of the paragraph; ``--no-report``
 ``Annotated[int, "N"]`` names the value in the help, ``Annotated[float, "--from T"]`` also the option; "--size LX LY"
 takes two values, and an option with "..." may be repeated. "[K/N]" may be left out, which passes True. Texts become
 int, Path or a word of a Literal. Other types, and types in quotes, reach the call as texts, unless a third entry of
-Annotated is a function that reads them. The call checks them, and the limits of numbers. What the user leaves out is not
-passed to the call.
+Annotated is a function that reads them. The call checks them, and the limits of numbers. What the user leaves out is
+not passed to the call.
 """
 
 import inspect

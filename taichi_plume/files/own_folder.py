@@ -104,7 +104,8 @@ def other_in(folder: Path, kind: str) -> str | None:
         return None
     ours = {file.name for file in disk.left_in(folder)}
     files = [file.name for file in folder.iterdir()]
-    return min((name for name in files if name not in ours and not name.startswith(LOCK)), default=None)
+    other = min((name for name in files if name not in ours and not name.startswith(LOCK)), default=None)
+    return None if is_marked(folder, kind) else other  # another process may have marked the folder meanwhile
 
 
 def refusal(folder: Path, kind: str) -> str | None:

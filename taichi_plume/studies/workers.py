@@ -191,10 +191,7 @@ def _without_main() -> Iterator[None]:
 
 
 def _address(scheduler: str) -> str:
-    """Return the address of a Dask scheduler; if `scheduler` is a scheduler file (.json), wait for the file, and read it.
-
-    Raises WorkersError.
-    """
+    """Return the address of a Dask scheduler. A scheduler file (.json) is waited for, and read. Raises WorkersError."""
     if not scheduler.endswith(".json"):
         return scheduler
     file, end = Path(scheduler), time.monotonic() + CONNECT_S
