@@ -351,12 +351,19 @@ def test_simulations_in_shards_on_two_nodes(tmp_path):
         return subprocess.Popen(**(given | {"args": [*given["args"], "--shard", f"{k}/7", "--workers", "1"]}))
 
     running = {k: shard(k) for k in range(1, 8)}
-    until(lambda: parts(disk / "out") >= 1 or None)
-    for k in random.sample(range(1, 8), 3):
-        time.sleep(3 * random.random())
-        killed(running[k])
-        running[k] = shard(k)
-    assert [process.wait(600) for process in running.values()] == [0] * 7
+    try:
+        while not parts(disk / "out"):
+            assert all(process.poll() is None for process in running.values())
+            time.sleep(0.1)
+        for k in random.sample(range(1, 8), 3):
+            time.sleep(3 * random.random())
+            killed(running[k])
+            running[k] = shard(k)
+        assert [process.wait() for process in running.values()] == [0] * 7
+    finally:
+        for process in running.values():
+            if process.poll() is None:
+                killed(process)
     subprocess.run(**(nodes[1] | {"args": [*nodes[1]["args"], "--merge"]}), check=True)
     ours, theirs = content(disk / "out"), content(alone / "out")
     assert ours.keys() == theirs.keys()
