@@ -97,8 +97,8 @@ class JobQueue:
         if groups:
             return self._runs(groups, structure, workers)
         air = self.unsolved
-        few = len(self.filmed) + len(self.solving) < self.most_films
-        if air is not None and few and self.room() and (self.claims is None or self.claims.claim(air)):
+        room = len(self.filmed) + len(self.solving) < self.most_films
+        if air is not None and room and self.room() and (self.claims is None or self.claims.claim(air)):
             if self.film(air).exists():  # another shard has just completed the film, and ended
                 return self.next(structure, workers)
             self.solving.add(air)

@@ -58,17 +58,14 @@ class Settings(NamedTuple):
         load_part(self.workers, "workers", WORKERS)
         if self.workers is not None and self.scheduler is not None:
             raise ScenarioError(["workers: are processes of this machine; they cannot go with a scheduler"])
-        for one in ("shard", "merge"):
-            others = (
-                "shard",
-                "merge",
-                "scheduler",
-                "force",
-                *(("workers", "retry") if one == "merge" else ()),
-            )
-            found = [name for name in others if name != one and getattr(self, name)]
-            if getattr(self, one) and found:
-                raise ScenarioError([f"{one}: cannot go with {found[0]}"])
+        alone = {
+            "shard": ("merge", "scheduler", "force"),
+            "merge": ("workers", "scheduler", "retry", "force"),
+        }
+        for key, others in alone.items():
+            given = [name for name in others if getattr(self, name)]
+            if getattr(self, key) and given:
+                raise ScenarioError([f"{key}: cannot go with {given[0]}"])
 
 
 class End(NamedTuple):

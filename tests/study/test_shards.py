@@ -10,6 +10,7 @@ import time
 from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import yaml
@@ -307,7 +308,7 @@ def test_missing_runs_are_reported_and_completed_without_shards(tmp_path):
 # ---------------------------------------------------------------- simulations, on two nodes
 
 
-def node(folder: Path, way: Path, name: str) -> dict:
+def node(folder: Path, way: Path, name: str) -> dict[str, Any]:
     """What `Popen` needs for a node with a working folder, temporary folder, home and caches of its own."""
     own = folder / name
     for part in ("tmp", "home", "work"):
