@@ -333,6 +333,11 @@ def node(folder: Path, way: Path, name: str) -> dict[str, Any]:
     return {"args": line, "cwd": own / "work", "env": env, "start_new_session": True}
 
 
+def ordered(node: dict[str, Any], *options: str) -> subprocess.Popen:
+    """The study's command on a node, in a process group of its own."""
+    return subprocess.Popen(**node | {"args": [*node["args"], *options]})
+
+
 @POSIX
 @pytest.mark.slow
 def test_simulations_in_shards_on_two_nodes(tmp_path):
@@ -344,12 +349,11 @@ def test_simulations_in_shards_on_two_nodes(tmp_path):
         folder.mkdir()
         write(folder, room, axes={"threshold": threshold}, airs=5, searches=5, keep=["robots.parquet"])
     mounted.symlink_to(disk)
-    subprocess.run(**node(tmp_path, alone, "one"), check=True)
+    assert ordered(node(tmp_path, alone, "one")).wait() == 0
     nodes = [node(tmp_path, disk, "a"), node(tmp_path, mounted, "b")]
 
     def shard(k: int) -> subprocess.Popen:
-        given = nodes[k % 2]
-        return subprocess.Popen(**(given | {"args": [*given["args"], "--shard", f"{k}/7", "--workers", "1"]}))
+        return ordered(nodes[k % 2], "--shard", f"{k}/7", "--workers", "1")
 
     running = {k: shard(k) for k in range(1, 8)}
     try:
@@ -365,7 +369,7 @@ def test_simulations_in_shards_on_two_nodes(tmp_path):
         for process in running.values():
             if process.poll() is None:
                 killed(process)
-    subprocess.run(**(nodes[1] | {"args": [*nodes[1]["args"], "--merge"]}), check=True)
+    assert ordered(nodes[1], "--merge").wait() == 0
     ours, theirs = content(disk / "out"), content(alone / "out")
     assert ours.keys() == theirs.keys()
     assert len([name for name in ours if name.endswith("robots.parquet")]) == 100
