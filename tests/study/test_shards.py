@@ -335,7 +335,8 @@ def node(folder: Path, way: Path, name: str) -> dict[str, Any]:
 
 def ordered(node: dict[str, Any], *options: str) -> subprocess.Popen:
     """The study's command on a node, in a process group of its own."""
-    return subprocess.Popen(**node | {"args": [*node["args"], *options]})
+    given = dict(node)
+    return subprocess.Popen([*given.pop("args"), *options], **given)
 
 
 @POSIX
