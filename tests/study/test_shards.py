@@ -319,7 +319,7 @@ def node(folder: Path, way: Path, name: str) -> dict[str, Any]:
         "XDG_CACHE_HOME": own / "home",
         "HOSTNAME": name,
     }
-    environment |= {"PYTHONPATH": Path(tp.__file__).parents[1]}
+    environment |= {"PYTHONPATH": Path(str(tp.__file__)).parents[1]}
     line = [
         sys.executable,
         "-m",
