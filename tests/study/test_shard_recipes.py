@@ -14,7 +14,7 @@ import yaml
 
 import taichi_plume as tp
 
-ROOT = Path(tp.__file__).parents[1]
+ROOT = Path(str(tp.__file__)).parents[1]
 PAGE = (ROOT / "docs" / "howto" / "beyond_one_machine.md").read_text(encoding="utf-8")
 RECIPES = dict(re.findall(r"^```\{code-block\} \w+\n:caption: (\S+)\n\n(.*?)^```$", PAGE, re.M | re.S))
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="shells")]
