@@ -5,9 +5,10 @@ A parameter of the call is an argument of the command, a parameter by keyword an
 docstring, up to the next parameter or the end of the paragraph; ``--no-report`` puts "do not" before the text.
 
 ``Annotated[int, "N"]`` names the value in the help, ``Annotated[float, "--from T"]`` also the option; "--size LX LY"
-takes two values, and an option with "..." may be repeated. Texts become int, Path or a word of a Literal. Other types,
-and types in quotes, reach the call as texts, unless a third entry of Annotated is a function that reads them. The call
-checks them, and the limits of numbers. What the user leaves out is not passed to the call.
+takes two values, and an option with "..." may be repeated. "[K/N]" may be left out, which passes True. Texts become
+int, Path or a word of a Literal. Other types, and types in quotes, reach the call as texts, unless a third entry of
+Annotated is a function that reads them. The call checks them, and the limits of numbers. What the user leaves out is
+not passed to the call.
 """
 
 import inspect
@@ -71,7 +72,9 @@ def add_options(parser: _ActionsContainer, call: Call, leave_out: Collection[str
             if keywords.get("action") == "store_false":
                 option = option.replace("--", "--no-", 1)
                 keywords["help"] = f"do not {keywords['help']}"
-            elif "action" not in keywords and isinstance(parameter.default, int | float | str):
+            elif not {"action", "const"} & keywords.keys() and isinstance(
+                parameter.default, int | float | str
+            ):
                 keywords["help"] += f" (default: {parameter.default})"
             keywords["help"] = keywords["help"].replace("%", "%%")
             if option:
@@ -98,7 +101,7 @@ def _value(
 ) -> dict[str, Any]:
     """Return the keywords of `add_argument` for the values of an option. values: their names in the help."""
     kinds = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-    if bool in kinds:
+    if bool in kinds and not values:
         return {"action": "store_false" if default is True else "store_true"}
     keywords: dict[str, Any] = {}
     if values[-1:] == ["..."]:
@@ -109,6 +112,9 @@ def _value(
         return keywords | {"choices": words}
     if len(values) > 1:
         keywords["nargs"] = len(values)
+    elif values and values[0].startswith("["):
+        keywords |= {"nargs": "?", "const": True}
+        values = [values[0].strip("[]")]
     keywords["metavar"] = tuple(values) if len(values) > 1 else (values or [name.upper()])[0]
     return keywords | {"type": read or next((known for known in (int, Path) if known in kinds), str)}
 

@@ -57,18 +57,25 @@ def run(
         with reader_may_leave():
             print_check(plan, out or plan.default_out)
         return 0
-    return print_end(held(source, out, **options), not progress, debug, options.get("report", True))
+    end = held(source, out, **options)
+    if "shard" in options:
+        options["report"] = None  # the tables are those of all shards
+    return print_end(end, not progress, debug, options.get("report", True))
 
 
-def print_end(end: "End", quiet: bool, debug: bool = False, report: bool = True) -> int:
-    """Print how a study's execution ended, and return the exit code. report: whether it has written the report page."""
+def print_end(end: "End", quiet: bool, debug: bool = False, report: bool | None = True) -> int:
+    """Print how a study's execution ended, and return the exit code.
+
+    report: whether it has written the report page; None for a shard, which has written no tables either.
+    """
     if debug and isinstance(end.error, OSError):
         say(*"".join(traceback.format_exception(end.error)).splitlines(), error=True)
     say(*end.notes, error=True, longest=None)
     if not quiet and end.runs:
-        made = "runs.parquet, trials/" + ", report.html" * report
+        made = "records" if report is None else "runs.parquet, trials/" + ", report.html" * report
+        of_shard = " of the shard" * (report is None)
         with reader_may_leave():
-            say(visible(f"{end.done:,} of {end.runs:,} runs are done; {made} in {end.folder}"))
+            say(visible(f"{end.done:,} of {end.runs:,} runs{of_shard} are done; {made} in {end.folder}"))
     return EXIT_CODES[end.status]
 
 

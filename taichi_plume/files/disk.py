@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from taichi_plume.guard.safe_open import NO_NAME
+from taichi_plume.guard.safe_open import NO_NAME, read_regular
 
 RESERVE = 32 << 20  # bytes kept free, to complete all files
 FILE_RESERVE = 1 << 20  # bytes below the limit on the size of one file
@@ -104,6 +104,15 @@ def written_whole(path: Path, durable: bool = True, replace: bool = True) -> Ite
             os.fsync(folder)
         finally:
             os.close(folder)
+
+
+def write_changed(path: Path, content: bytes) -> None:
+    """Write a file atomically, unless the file has this content already. Raises OSError."""
+    with suppress(OSError):
+        if read_regular(path, len(content)) == content:
+            return
+    with written_whole(path) as fresh:
+        fresh.write_bytes(content)
 
 
 def largest_file() -> float:

@@ -81,10 +81,12 @@ def _is_lock(path: Path) -> bool:
 
 
 def mark(folder: Path, kind: str) -> None:
-    """Write KIND.json, such as study.json, which marks a folder of taichi_plume's of that kind. Raises OSError."""
-    content = {"format": format_of(kind), "version": __version__}
-    with disk.written_whole(folder / f"{kind}.json") as fresh:
-        fresh.write_text(json.dumps(content) + "\n", encoding="utf-8")
+    """Write KIND.json, such as study.json, which marks a folder of taichi_plume's of that kind. Raises OSError.
+
+    An equal mark stays as it is, since other processes may read it at that moment.
+    """
+    content = json.dumps({"format": format_of(kind), "version": __version__}) + "\n"
+    disk.write_changed(folder / f"{kind}.json", content.encode())
 
 
 def is_marked(folder: Path, kind: str) -> bool:
@@ -100,8 +102,10 @@ def other_in(folder: Path, kind: str) -> str | None:
     """Return the name of a file in a folder not marked as of this kind; None if marked or empty. Raises OSError."""
     if is_marked(folder, kind):
         return None
-    ours = {LOCK, *(file.name for file in disk.left_in(folder))}
-    return min((file.name for file in folder.iterdir() if file.name not in ours), default=None)
+    ours = {file.name for file in disk.left_in(folder)}
+    files = [file.name for file in folder.iterdir()]
+    other = min((name for name in files if name not in ours and not name.startswith(LOCK)), default=None)
+    return None if is_marked(folder, kind) else other  # another process may have marked the folder meanwhile
 
 
 def refusal(folder: Path, kind: str) -> str | None:

@@ -124,8 +124,12 @@ class NewAirFilm:
             raise ValueError(f"{self.count} of {self.frames} frames")
         zarr_groups.consolidate(self.part)
         size = sum(file.stat().st_size for file in self.part.rglob("*") if file.is_file())
-        disk.discard(self.path)
-        self.part.rename(self.path)
+        try:
+            self.part.rename(self.path)
+        except OSError:  # another machine has written the same film, which runs may play
+            if not self.path.exists():
+                raise
+            self.discard()
         return size
 
     def discard(self) -> None:

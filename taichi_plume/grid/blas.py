@@ -31,5 +31,5 @@ def blas_libraries() -> list[BlasLibrary]:
             "version": library["version"],
             "kernels": library.get("architecture"),
         }
-        for library in _BLAS.info()
+        for library in sorted(_BLAS.info(), key=lambda library: str(library["version"]))  # else by chance
     ]

@@ -30,9 +30,11 @@ def why_not(
 def shared_airs(plan: "Plan", requests: Sequence[Request]) -> set[str]:
     """Return the airs to film: those that several of the runs share and that can be filmed.
 
-    With share_air: always, also the airs of single runs whose results a film changes, so that all runs use films.
+    With share_air: always, also the airs of single runs whose results a film changes, so that all runs use films. If
+    the study keeps files, which state whether a film was played, the runs of the whole plan count.
     """
-    study, counts = plan.study, Counter(request.air for request in requests)
+    study = plan.study
+    counts = Counter(request.air for request in (plan.requests if study.keep else requests))
     if study.share_air == "never":
         return set()
     always = study.share_air == "always"

@@ -9,9 +9,12 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection, Sequence
 from math import ceil
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from taichi_plume.studies.messages import Request
+
+if TYPE_CHECKING:
+    from taichi_plume.studies.shards import Claims
 
 MOST_RUNS = 1000  # in a job
 DEATHS = 2  # worker deaths after which a single run or film counts as failed
@@ -44,6 +47,7 @@ class JobQueue:
 
     requests: runs in the plan's order; shared: ids of airs to film; film: returns the path of an air's film;
     most_films: number of films that may exist at a time; room: returns whether the disk has room for another film.
+    claims: of the airs that the shard shares with other shards, which film some of them.
     """
 
     def __init__(
@@ -53,7 +57,9 @@ class JobQueue:
         film: Callable[[str], Path],
         most_films: int,
         room: Callable[[], bool] = lambda: True,
+        claims: "Claims | None" = None,
     ):
+        self.claims = claims
         self.film, self.most_films, self.room = film, most_films, room
         self.repeated: deque[Job] = deque()
         self.left = Counter(
@@ -77,18 +83,24 @@ class JobQueue:
     @property
     def unsolved(self) -> str | None:
         """Id of the next shared air, in the plan's order, that nobody has filmed or is filming; None if none."""
-        begun = self.filmed | self.solving
-        return next((air for air in self.left if air not in begun), None)
+        begun, claims = self.filmed | self.solving, self.claims
+        airs = (air for air in self.left if air not in begun)
+        return next((air for air in airs if claims is None or claims.solver(air) is None), None)
 
     def next(self, structure: str, workers: int) -> Job | None:
         """Return the next job for a worker whose last simulation has the hash `structure`; None if none is ready."""
         if self.repeated:
             return self.repeated.popleft()
+        if self.claims is not None:
+            self.filmed |= {air for air in self.claims.common & self.left.keys() if self.film(air).exists()}
         groups = [group for group in self._open if group[0] in self.filmed]
         if groups:
             return self._runs(groups, structure, workers)
         air = self.unsolved
-        if air is not None and len(self.filmed) + len(self.solving) < self.most_films and self.room():
+        room = len(self.filmed) + len(self.solving) < self.most_films
+        if air is not None and room and self.room() and (self.claims is None or self.claims.claim(air)):
+            if self.film(air).exists():  # another shard has just completed the film, and ended
+                return self.next(structure, workers)
             self.solving.add(air)
             return Job(tuple(self._runs_in(air)), self.film(air), solve=True)
         groups = [group for group in self._open if not group[0]]
@@ -141,6 +153,10 @@ class JobQueue:
         else:
             self.repeated.append(job._replace(deaths=job.deaths + 1))
         return False
+
+    def lost(self, air: str) -> None:
+        """Record that another shard has taken over the film of an air."""
+        self.solving.discard(air)
 
     def solved(self, air: str) -> None:
         """Record that the film of an air is complete, so that its runs may start."""

@@ -8,13 +8,12 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from typing import TYPE_CHECKING
 
 from taichi_plume.execution.signals import SignalRequests
-from taichi_plume.files import disk
 from taichi_plume.guard.terminal import visible
 from taichi_plume.studies.air_plan import shared_airs
 from taichi_plume.studies.job_queue import Job, JobQueue
 from taichi_plume.studies.messages import AirRecord, Cost, Options, Record, Request, Result, Task
 from taichi_plume.studies.progress import Totals
-from taichi_plume.studies.store import Store, leave_failed
+from taichi_plume.studies.store import DONE, Store, leave_failed
 from taichi_plume.studies.workers import LOG, Workers, WorkersError, work
 
 if TYPE_CHECKING:
@@ -51,7 +50,9 @@ class Scheduler:
         self.totals = Totals()
         self.largest = max((record.bytes for record in store.air_records()), default=0)  # film so far, bytes
         films = FILMS + max(1, len(self.worker_names))
-        self.queue = JobQueue(requests, shared_airs(plan, requests), store.film, films, self._room)
+        shared, common = shared_airs(plan, requests), store.claims.common if store.claims else frozenset()
+        shared |= common & {request.air for request in requests}
+        self.queue = JobQueue(requests, shared, store.film, films, self._room, store.claims)
         self.tasks: dict[Future[Result], tuple[str, Job]] = {}  # worker and job
         self.structures: dict[str, str] = {}  # last structure of each worker
         self.failed = 0
@@ -59,6 +60,7 @@ class Scheduler:
     def run(self) -> None:
         """Execute the study's missing runs. Raises WorkersError if all workers are lost; OSError: disk full."""
         while not self.signals.stopped:
+            self.store.beat()
             self._look()
             self._give()
             if not self.tasks and not self._waits():
@@ -138,15 +140,28 @@ class Scheduler:
         if not isinstance(result, AirRecord):
             self._store_runs(result)
             for air in self.queue.executed(job, len(result)):
-                disk.discard(self.store.film(air))
+                if self._unneeded(air):
+                    self.store.forget_air(air)
+            return
+        claims = self.store.claims
+        if result.message and claims is not None and not claims.owns(job.air):
+            self.queue.lost(job.air)
             return
         self.store.add_air(result)
         if result.message:
+            self.store.forget_air(job.air)
             runs = self.queue.without(job.air)
             self._store_runs([_failure(request, f"its air: {result.message}") for request in runs])
         else:
             self.largest = max(self.largest, result.bytes)
             self.queue.solved(job.air)
+
+    def _unneeded(self, air: str) -> bool:
+        """Return whether no shard needs the film of an air: all runs that share the air have finished."""
+        if self.store.claims is None or air not in self.store.claims.common:
+            return True
+        statuses = self.store.statuses()
+        return all(statuses.get(each.run) in DONE for each in self.plan.requests if each.air == air)
 
     def _store_runs(self, records: list[Record]) -> None:
         self.store.add(records)

@@ -2,12 +2,13 @@
 
 study.yaml and base.yaml are copies of the user's files; plan.parquet lists the runs of the plan. ``parts/`` holds the
 records of the batches: a row per run, with the trials as a list. ``kept/`` and ``failed/`` hold files of single runs.
-One process at a time writes to the folder; other processes may read.
+One process at a time writes to the folder, or one for each shard (`studies/shards.py`); other processes may read.
 """
 
 import json
 import re
-from collections.abc import Iterable, Sequence
+import shutil
+from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
@@ -16,10 +17,11 @@ import pyarrow as pa
 
 from taichi_plume.files import disk, own_folder, parquet, run_folder
 from taichi_plume.files.tables import plain
-from taichi_plume.guard.safe_open import read_regular
+from taichi_plume.guard.safe_open import open_regular, read_regular
 from taichi_plume.scenario.loading import ScenarioError, scenario_of
 from taichi_plume.studies import columns, tables
 from taichi_plume.studies.messages import AirRecord, Cost, Record, Request, Task
+from taichi_plume.studies.shards import LOG, SHARDS, STALE_S, Claims, Heart, Shard, agreed, locks, log_of
 
 if TYPE_CHECKING:
     from taichi_plume.studies.plan import Plan
@@ -30,7 +32,7 @@ FORMAT = "taichi_plume study 1"
 LARGEST_RECORD = 1 << 24  # most bytes of the record of an air
 DONE = ("completed", "stopped")
 
-_PART = re.compile(r"\d{6,}\.parquet")
+_PART = re.compile(r"(\d{6,})(\.\d+-of-\d+)?\.parquet")  # of a shard, if the second group is there
 _SCORES = pa.struct([(field.name, field.type) for field in columns.TRIAL])
 _COST = pa.struct([(field.name, field.type) for field in columns.COST if field.name != "run"])
 _SCHEMA = pa.schema(
@@ -53,13 +55,17 @@ class StoreError(ValueError):
 class Store:
     """Records of runs in the folder of a parameter study. Readers need no lock.
 
-    `begin` locks the folder for this process until `close` or the end of the context.
+    `begin` locks the folder for this process until `close` or the end of the context. shard: the shard of the study
+    that the process executes; the lock is the shard's then. common: ids of airs that other shards need as well.
     """
 
-    def __init__(self, folder: Path):
+    def __init__(self, folder: Path, shard: Shard | None = None, common: Collection[str] = ()):
         self.folder, self.parts, self.airs = folder, folder / PARTS, folder / AIRS
+        self.shard, self.common = shard, frozenset(common)
+        self.claims: Claims | None = None
         self._next = 0
         self._lock: own_folder.FolderLock | None = None
+        self._heart: Heart | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -70,8 +76,10 @@ class Store:
     def close(self) -> None:
         """Unlock the study's folder, if this process has locked it."""
         if self._lock is not None:
+            if self._heart is not None:
+                self._heart.stop()
             self._lock.release()
-            self._lock = None
+            self._lock = self._heart = None
 
     # ------------------------------------------------------------ beginning
 
@@ -81,8 +89,14 @@ class Store:
         force: remove runs that are not in the plan. Raises StoreError, also if another process has locked the folder,
         and OSError if the disk is full.
         """
-        self._hold()
+        heart = self._hold()
         try:
+            if self.shard is not None:
+                self._require_alone(heart, [own_folder.LOCK])
+                _agreed(self.folder, plan, self.shard.count)
+                self.claims = Claims(self.folder, self.shard, self.common, heart)
+            else:
+                self._require_alone(heart, locks(self.folder))
             self._drop_others({request.run for request in plan.requests}, force)
             own_folder.mark(self.folder, KIND)
             for folder in (self.parts, self.airs):
@@ -91,19 +105,78 @@ class Store:
             for name, text in plan.texts.items():
                 self._keep(name, text)
             tables.write_plan(self.folder, plan)
-            self._next = 1 + max((int(file.stem) for file in self._files()), default=-1)
+            self._next = self._free()
+            if self.shard is None:
+                self._end_shards()
         except BaseException:
             self.close()
             raise
 
-    def _hold(self) -> None:
+    def merge(self, plan: "Plan") -> int | None:
+        """Lock the study's folder to merge its shards; return their number, None if there are none any more.
+
+        If all runs are recorded and no shard runs, rewrite the records of all shards as one file, and delete what else
+        shards leave. Raises StoreError, also if the folder holds another study, and OSError.
+        """
+        if not (self.folder / tables.PLAN).is_file():
+            raise StoreError(f"{self.folder}: is not the folder of a study")
+        heart = self._hold()
+        count = _agreed(self.folder, plan)
+        if not _same_plan(self.folder, plan):
+            raise StoreError(
+                f"{self.folder}: holds another study, or the study, its base or the version has changed"
+            )
+        if count is None or self.running(heart, locks(self.folder)):
+            return count
+        table, files = self.table(), self._files()
+        if {request.run for request in plan.requests} <= set(table["run"].to_pylist()):
+            tables.write(self.parts / f"{self._free():06d}.parquet", table)
+            for file in (*files, *(file for file in self.airs.iterdir() if file.suffix != ".json")):
+                disk.discard(file)
+            self._end_shards()
+        return count
+
+    def _end_shards(self) -> None:
+        """Delete the files by which shards agree, and put their logs together."""
+        names = locks(self.folder)
+        logs = [log for name in names if (log := self.folder / log_of(name)).is_file()]
+        if logs:
+            with disk.written_whole(self.folder / LOG) as fresh, fresh.open("wb") as whole:
+                for log in filter(Path.is_file, [self.folder / LOG, *logs]):
+                    with open_regular(log) as part:
+                        shutil.copyfileobj(part, whole)
+        for file in [*logs, *(self.folder / name for name in names), self.folder / SHARDS]:
+            disk.discard(file)
+
+    def running(self, heart: Heart, names: Iterable[str]) -> list[str]:
+        """Return the names of the lock files of processes that write to the folder, among `names`."""
+        return [name for name in names if heart.alive(self.folder / name)]
+
+    def _require_alone(self, heart: Heart, names: Iterable[str]) -> None:
+        """Raise StoreError if a process that has one of these lock files writes to the folder."""
+        running = self.running(heart, names)
+        if running:
+            shards = [name.removeprefix(f"{own_folder.LOCK}-") for name in running if name != own_folder.LOCK]
+            who = f"shards ({', '.join(sorted(shards)[:3])}) are" if shards else "a study without shards is"
+            raise StoreError(
+                f"{self.folder}: {who} running there, or killed within the last {STALE_S:.0f} s; try again later"
+            )
+
+    def _hold(self) -> Heart:
         import filelock
 
+        name = own_folder.LOCK if self.shard is None else self.shard.lock
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            self._lock = own_folder.FolderLock(self.folder, self._require_ours)
+            if self.shard is not None:  # first of all, since other shards may begin at the same moment
+                self._require_ours()
+                own_folder.mark(self.folder, KIND)
+            self._lock = own_folder.FolderLock(self.folder, self._require_ours, name)
+            self._heart = Heart(self.folder / name)
+            return self._heart
         except filelock.Timeout:
-            raise StoreError(f"{self.folder}: another study is running there") from None
+            what = "another study" if self.shard is None else f"shard {self.shard}"
+            raise StoreError(f"{self.folder}: {what} is running there") from None
         except StoreError:
             raise
         except (OSError, ValueError, NotImplementedError) as error:
@@ -141,6 +214,11 @@ class Store:
 
     def _tidy(self) -> None:
         """Delete unfinished files and films that a killed process left in the study's folder."""
+        if self.shard is not None:  # other files may be those of other shards
+            for left in disk.left_in(self.parts):
+                if f".{self.shard}.parquet." in left.name:
+                    left.unlink()
+            return
         for folder in (self.folder, self.parts, self.airs):
             for left in disk.left_in(folder):
                 left.unlink()
@@ -152,8 +230,11 @@ class Store:
         if held.is_file() and read_regular(held) != content:
             for film in self.airs.glob("*.zarr"):  # the changed study's runs may last longer
                 disk.discard(film)
-        with disk.written_whole(held) as fresh:
-            fresh.write_bytes(content)
+        disk.write_changed(held, content)
+
+    def _free(self) -> int:
+        """Return a number above those of all files of records."""
+        return 1 + max((_number(file) for file in self._files()), default=-1)
 
     # ------------------------------------------------------------ adding
 
@@ -161,13 +242,25 @@ class Store:
         """Write the records of a batch of runs to the folder as a new Parquet file. Raises OSError."""
         if not records:
             return
-        tables.write(self.parts / f"{self._next:06d}.parquet", table_of(records))
+        of_shard = "" if self.shard is None else f".{self.shard}"
+        tables.write(self.parts / f"{self._next:06d}{of_shard}.parquet", table_of(records))
         self._next += 1
 
     def add_air(self, record: AirRecord) -> None:
         """Write the record of an air (flow and gas that several runs share), solved or failed. Raises OSError."""
         with disk.written_whole(self.airs / f"{record.air}.json") as fresh:
             fresh.write_text(json.dumps(record._asdict()), encoding="utf-8")
+
+    def beat(self) -> None:
+        """Show other machines that this process writes to the folder."""
+        if self._heart is not None:
+            self._heart.beat()
+
+    def forget_air(self, air: str) -> None:
+        """Delete the film of an air, and the claims of shards on the air."""
+        disk.discard(self.film(air))
+        for claim in self.airs.glob(f"{air}.claim-*"):
+            disk.discard(claim)
 
     def film(self, air: str) -> Path:
         """Return the path of the complete film of an air, the recorded flow and gas that several runs share."""
@@ -215,12 +308,31 @@ class Store:
         """Return the Parquet files of run records, oldest first. Raises StoreError if there are other files."""
         if not self.parts.is_dir():
             return []
-        files = sorted(self.parts.iterdir(), key=lambda file: (len(file.name), file.name))
-        files = [file for file in files if not file.name.startswith(".")]  # being written
+        files = [file for file in self.parts.iterdir() if not file.name.startswith(".")]  # being written
         for file in files:
             if not _PART.fullmatch(file.name):
                 raise StoreError(f"{file}: was not written by a study; remove it")
-        return files
+        return sorted(files, key=lambda file: (_number(file), file.name))
+
+
+def _number(part: Path) -> int:
+    return int(part.name.partition(".")[0])
+
+
+def _same_plan(folder: Path, plan: "Plan") -> bool:
+    """Return whether a study's folder holds the runs of this plan."""
+    try:
+        held = tables.read_plan(folder).table
+    except (pa.ArrowException, OSError, ValueError, LookupError):
+        return False
+    return held.equals(tables.planned(plan).table, check_metadata=True)
+
+
+def _agreed(folder: Path, plan: "Plan", count: int | None = None) -> int | None:
+    try:
+        return agreed(folder, plan, count)
+    except ValueError as error:
+        raise StoreError(str(error)) from None
 
 
 def _read(part: Path, names: Sequence[str] = _SCHEMA.names) -> pa.Table:

@@ -1,6 +1,7 @@
 """Execute a parameter study: lock its folder, execute missing runs, write the tables and the report page."""
 
 from collections import Counter
+from collections.abc import Collection, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
@@ -10,12 +11,14 @@ from pydantic import Field
 from taichi_plume.assembly.own_code import not_allowed
 from taichi_plume.execution.signals import SignalRequests, handling_signals
 from taichi_plume.files.own_class import Permission
+from taichi_plume.files.own_folder import LOCK
 from taichi_plume.files.run_folder import RunFolderError
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import LONGEST_VALUE, say, show, visible
 from taichi_plume.scenario.loading import ScenarioError, load_part, scenario_of
 from taichi_plume.studies.messages import Options
 from taichi_plume.studies.outcomes import not_left
+from taichi_plume.studies.shards import Shard, log_of, parts_of, shards_with
 from taichi_plume.studies.store import DONE, FAILED, KEPT_FOLDER, Store, StoreError
 
 if TYPE_CHECKING:
@@ -32,8 +35,9 @@ RESUME = "started again, the study resumes"
 class Settings(NamedTuple):
     """Settings of a study's execution. out: the study's folder; workers: their number, by default one per core.
 
-    scheduler: address of a Dask scheduler, whose workers are used instead; retry: execute failed runs again; force:
-    remove runs that the study does not have; progress: show the progress; report: write the report page.
+    scheduler: address of a Dask scheduler, whose workers are used instead, or its scheduler file; retry: execute failed
+    runs again; force: remove runs that the study does not have; progress: show the progress; report: write the report
+    page; shard: execute only this shard's runs, and write no tables; merge: execute no runs, only write the tables.
     """
 
     out: Path
@@ -46,12 +50,22 @@ class Settings(NamedTuple):
     allow_outside: bool = False
     dashboard: bool = False
     report: bool = True
+    shard: Shard | None = None
+    merge: bool = False
 
     def check(self) -> None:
-        """Raise ScenarioError if the number of workers is no whole number, or goes with a scheduler."""
+        """Raise ScenarioError if the number of workers is no whole number, or if settings exclude one another."""
         load_part(self.workers, "workers", WORKERS)
         if self.workers is not None and self.scheduler is not None:
             raise ScenarioError(["workers: are processes of this machine; they cannot go with a scheduler"])
+        alone = {
+            "shard": ("merge", "scheduler", "force"),
+            "merge": ("workers", "scheduler", "retry", "force"),
+        }
+        for key, others in alone.items():
+            given = [name for name in others if getattr(self, name)]
+            if getattr(self, key) and given:
+                raise ScenarioError([f"{key}: cannot go with {given[0]}"])
 
 
 class End(NamedTuple):
@@ -76,17 +90,24 @@ def execute(plan: "Plan", settings: Settings) -> End:
     """
     settings.check()
     _require_allowed(plan, settings)
+    part = parts_of(plan, settings.shard.count)[settings.shard.number - 1] if settings.shard else None
+    requests, common = part or (plan.requests, frozenset())
     try:
-        with handling_signals() as signals, Store(settings.out) as store:
-            store.begin(plan, settings.force)
-            error = _work(plan, store, settings, signals)
+        with handling_signals() as signals, Store(settings.out, settings.shard, common) as store:
+            errors, shards = [], None
+            if settings.merge:
+                shards = store.merge(plan)
+            else:
+                store.begin(plan, settings.force)
+                errors += _work(plan, requests, store, settings, signals)
             signals.running, signals.hasty = True, not signals.stopped  # a first signal waits for the tables
-            errors = [error] if error is not None else []
             try:
-                publish(store.folder, settings.report)
+                if part is None:
+                    publish(store.folder, settings.report)
             except OSError as fault:  # such as a full disk, which has ended the runs as well
                 errors.append(fault)
-            return _end(plan, store, bool(signals.stopped), errors)
+            end = _end(requests, store, bool(signals.stopped), errors)
+            return _with_shards(end, plan, store, shards) if shards else end
     except KeyboardInterrupt as error:
         notes = [f"interrupted; finished runs are kept; {RESUME}"]
         return End(settings.out, "interrupted", notes=notes, error=error)
@@ -94,16 +115,19 @@ def execute(plan: "Plan", settings: Settings) -> End:
         raise RunFolderError(str(error)) from None
 
 
-def _work(plan: "Plan", store: Store, settings: Settings, signals: SignalRequests) -> Exception | None:
-    """Execute the missing runs of a study on workers; return the error that ended this, such as lost workers."""
-    missing = missing_runs(plan, store, settings.retry)
-    total, before = len(plan.requests), len(plan.requests) - len(missing)
+def _work(
+    plan: "Plan", requests: "Sequence[Request]", store: Store, settings: Settings, signals: SignalRequests
+) -> list[Exception]:
+    """Execute the missing runs among `requests` on workers; return the error that ended this, such as lost workers."""
+    missing = missing_runs(plan, store, settings.retry, requests)
+    total, before = len(requests), len(requests) - len(missing)
     from taichi_plume.studies.progress import Display
 
     with Display(total, before, settings.progress) as display:
         made = f", {before:,} of them finished already" if before else ""
         display.note(visible(f"{total:,} runs{made}; writing to {settings.out}"))
-        return _schedule(plan, store, settings, signals, missing, display) if missing else None
+        error = _schedule(plan, store, settings, signals, missing, display) if missing else None
+        return [error] if error is not None else []
 
 
 def _schedule(
@@ -141,31 +165,39 @@ def _workers(
 
     if not settings.scheduler:
         signals.running = True
-        return LocalWorkers(min(settings.workers or cores(), most), settings.out)
+        log = settings.out / log_of(settings.shard.lock if settings.shard else LOCK)
+        return LocalWorkers(min(settings.workers or cores(), most), log)
     workers = DaskWorkers(settings.scheduler, plan, settings.out, signals)
     if settings.dashboard:
         display.note(visible(f"Dask's dashboard: {workers.client.dashboard_link}"))
     return workers
 
 
-def _end(plan: "Plan", store: Store, interrupted: bool, errors: list[Exception]) -> End:
-    """Return the end of an execution, with notes on its errors, on failed runs and on missing runs."""
-    statuses, notes = store.statuses(), []
+def _end(requests: "Sequence[Request]", store: Store, interrupted: bool, errors: Sequence[Exception]) -> End:
+    """Return the end of an execution of `requests`, with notes on its errors, on failed runs and on missing runs."""
+    notes, known = [], store.statuses()
+    statuses = {request.run: known[request.run] for request in requests if request.run in known}
     for error in errors:
         if isinstance(error, OSError):
             notes.append(f"{error.strerror or error}" + (f": {error.filename}" if error.filename else ""))
         else:
             notes += [str(error), f"finished runs are kept in {store.folder}"]
     failed = sum(status == "failed" for status in statuses.values())
-    done = sum(statuses.get(request.run) in DONE for request in plan.requests)
-    missing = len(plan.requests) - done - failed
+    done = len(statuses) - failed
+    missing = len(requests) - len(statuses)
     if failed:
-        notes += _failed(store, failed)
+        notes += _failed(store, failed, statuses)
     if missing:
         notes.append(f"{missing:,} runs are missing; {RESUME}")
     status = "interrupted" if interrupted else "failed" if notes else "completed"
     first = errors[0] if errors else None
-    return End(store.folder, status, len(plan.requests), done, list(map(visible, notes)), first)
+    return End(store.folder, status, len(requests), done, list(map(visible, notes)), first)
+
+
+def _with_shards(end: End, plan: "Plan", store: Store, count: int) -> End:
+    """Return the end of a merge of `count` shards, with a note on the shards that have missing runs."""
+    missing = missing_runs(plan, store, False)
+    return end._replace(notes=[*end.notes, *shards_with(plan, count, missing)])
 
 
 def publish(folder: Path, page: bool = True) -> Path | None:
@@ -188,10 +220,11 @@ def publish(folder: Path, page: bool = True) -> Path | None:
         raise RunFolderError(str(error)) from None
 
 
-def _failed(store: Store, failed: int) -> list[str]:
+def _failed(store: Store, failed: int, runs_of_part: "Collection[str]") -> list[str]:
     """Return lines on the failed runs of a study: their number, where they are, and the messages of the first."""
     table = store.table(("run", "status", "message")).sort_by("run").to_pylist()
-    messages = [(row["run"], row["message"]) for row in table if row["status"] == "failed"]
+    rows = (row for row in table if row["status"] == "failed" and row["run"] in runs_of_part)
+    messages = [(row["run"], row["message"]) for row in rows]
     runs = "1 run has failed" if failed == 1 else f"{failed:,} runs have failed"
     where = f"all are listed in runs.parquet and lie in {store.folder / FAILED}"
     lines = [f"{runs}; {where}; --retry (in Python: retry=True) executes them again"]
@@ -219,16 +252,18 @@ def _own_files(data: object) -> set[str]:
     return set().union(*map(_own_files, data)) if isinstance(data, list | tuple) else set()
 
 
-def missing_runs(plan: "Plan", store: Store, retry: bool) -> "list[Request]":
+def missing_runs(
+    plan: "Plan", store: Store, retry: bool, requests: "Sequence[Request] | None" = None
+) -> "list[Request]":
     """Return the runs of a study's plan to execute: runs without a record, failed runs if `retry`, and incomplete runs.
 
-    A finished run is incomplete if the study has requested more outcomes or files since then: neither is part of a
-    run's id. Raises StoreError.
+    requests: the runs to look at, by default all. A finished run is incomplete if the study has requested more outcomes
+    or files since then: neither is part of a run's id. Raises StoreError.
     """
     statuses, incomplete = store.statuses(), _incomplete(plan, store)
     return [
         request
-        for request in plan.requests
+        for request in (plan.requests if requests is None else requests)
         if request.run not in statuses
         or request.run in incomplete
         or (retry and statuses[request.run] not in DONE)

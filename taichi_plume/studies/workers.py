@@ -6,6 +6,7 @@ socket.
 """
 
 import asyncio
+import json
 import multiprocessing
 import os
 import re
@@ -27,8 +28,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from taichi_plume.engine.choice import VARIABLE, chosen
 from taichi_plume.execution.signals import SignalRequests, ignoring_signals
-from taichi_plume.guard.safe_open import read_regular
+from taichi_plume.guard.safe_open import content_of, read_regular
 from taichi_plume.guard.terminal import LONGEST_VALUE, visible
+from taichi_plume.studies.shards import LOG
 from taichi_plume.version import __version__
 
 if TYPE_CHECKING:
@@ -37,8 +39,8 @@ if TYPE_CHECKING:
 
     Work: TypeAlias = Callable[[Task], Result]
 
-LOG = "workers.log"  # output of workers and, with --scheduler, of Dask
-CONNECT_S = 10.0  # timeout of the connection to a scheduler
+CONNECT_S = 10.0  # timeout of the connection to a scheduler, and of its file
+LARGEST_FILE = 1 << 20  # bytes of a scheduler file
 LOOK_S = 1.0  # interval between checks of a scheduler's workers
 ENVIRONMENT = {
     **dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
@@ -78,16 +80,16 @@ def work(task: "Task") -> "Result":
 
 
 class LocalWorkers:
-    """Worker processes on this machine, each an executor of one process. Their output goes to a log in `out`.
+    """Worker processes on this machine, each an executor of one process. Their output goes to the file `log`.
 
     death: type of the exception of a task whose worker died; remarks: notes to print to the user.
     """
 
     death: type[BaseException] = BrokenProcessPool
 
-    def __init__(self, count: int, out: Path):
+    def __init__(self, count: int, log: Path):
         self.remarks: list[str] = []
-        self._log = out.resolve() / LOG
+        self._log = log.resolve()
         self._names = [str(n) for n in range(count)]
         self._executors: dict[str, ProcessPoolExecutor] = {}
 
@@ -188,8 +190,22 @@ def _without_main() -> Iterator[None]:
 # ---------------------------------------------------------------- of a Dask scheduler
 
 
+def _address(scheduler: str) -> str:
+    """Return the address of a Dask scheduler. A scheduler file (.json) is waited for, and read. Raises WorkersError."""
+    if not scheduler.endswith(".json"):
+        return scheduler
+    file, end = Path(scheduler), time.monotonic() + CONNECT_S
+    while not file.exists() and time.monotonic() < end:
+        time.sleep(LOOK_S)
+    try:
+        return str(json.loads(content_of(file, LARGEST_FILE, ValueError))["address"])
+    except (ValueError, TypeError, LookupError, RecursionError) as error:
+        reason = error if str(error).startswith(str(file)) else f"{file}: is no scheduler file of Dask"
+    raise WorkersError(f"--scheduler {reason}", 2)
+
+
 class DaskWorkers:
-    """Workers of the Dask scheduler at a network address. Raises WorkersError if there is no scheduler.
+    """Workers of the Dask scheduler at a network address, or of a scheduler file. Raises WorkersError without it.
 
     Once the scheduler has answered, a first signal does not interrupt the command but is noted in `signals`.
     """
@@ -203,6 +219,7 @@ class DaskWorkers:
             raise WorkersError(
                 "--scheduler needs the packages dask and distributed: pip install 'taichi_plume[cluster]'", 2
             ) from None
+        address = _address(address)
         _require_scheduler(address)
         signals.running = True
         try:

@@ -55,6 +55,7 @@ def use() -> None:
     print(air.adjoint(air.at((1.0, 2.0))), air.concentration(air.at((1.0, 1.0))).max())
     plume = tp.statistics(run, threshold="5 ppm", sensors=[{"kind": "pid"}])
     print(plume.points, plume.durations, plume.spectra, plume.maps, plume.notes)
+    tp.study("studies/wind_speeds", shard=(1, 2))
     results = tp.study("studies/wind_speeds", workers=2)
     print(tp.open_study(results.folder).points(), results.trials(), results.differences("speed"))
     standings: tp.Standings = tp.contest(["casting"], quick=True, files=["own.py"], allow_code=True)

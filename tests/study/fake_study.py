@@ -16,6 +16,7 @@ from taichi_plume.cli.study import print_end
 from taichi_plume.execution.signals import leave
 from taichi_plume.studies import air_plan, scheduler
 from taichi_plume.studies.messages import Axis, Request
+from taichi_plume.studies.shards import shard_of
 from taichi_plume.studies.study_run import Settings, execute
 
 
@@ -54,10 +55,12 @@ def main() -> int:
     out, reported, *options = sys.argv[1:]
     given: dict[str, Any] = {}
     for name, _, value in (one.lstrip("-").partition("=") for one in options):
-        given[name.replace("-", "_")] = {"workers": int, "scheduler": str}.get(name, lambda _: True)(value)
+        read = {"workers": int, "scheduler": str, "shard": shard_of}.get(name, lambda _: True)
+        given[name.replace("-", "_")] = read(value)
     settings = Settings(Path(out), report=False, **given)
     plan = plan_of(Path(f"{out}-case"), json.loads(reported))
-    return exit_code(lambda: print_end(execute(plan, settings), quiet=False, report=False))
+    report = None if settings.shard else False
+    return exit_code(lambda: print_end(execute(plan, settings), quiet=False, report=report))
 
 
 if __name__ == "__main__":

@@ -342,6 +342,19 @@ def test_a_scheduler_started_by_hand(tmp_path, unbroken, address):
     assert table(out) == unbroken
 
 
+def test_a_scheduler_file(tmp_path, unbroken):
+    """A file that names no scheduler is refused in a line."""
+    file, other = tmp_path / "scheduler.json", tmp_path / "other.json"
+    other.write_text("[]")
+    code, said = study(tmp_path / "out", {"runs": 60}, f"--scheduler={other}")
+    assert code == 2
+    assert said.splitlines()[-1] == f"--scheduler {other}: is no scheduler file of Dask"
+    with scheduler(tmp_path) as (_, address), worker(tmp_path, address):
+        code, said = study(tmp_path / "out", {"runs": 60}, f"--scheduler={file}")
+    assert code == 0, said
+    assert table(tmp_path / "out") == unbroken
+
+
 def test_its_workers_come_late_and_die(tmp_path, unbroken, address):
     """Where Dask's own rule has it that a run is begun again elsewhere, up to four times."""
     out = tmp_path / "out"
