@@ -106,7 +106,7 @@ def statistics(groups: Sequence[Points], differences: bool = False) -> Statistic
 def collected(
     cases: Mapping[str, Case | Experiment], results: Mapping[str, Keys]
 ) -> dict[Quantity, list[Points]]:
-    """Return the points of all cases by quantity; results: by name of the case, as `report.json` has them."""
+    """Return the points of all cases by quantity that has any; results: by name, as `report.json` has them."""
     found: dict[Quantity, list[Points]] = {quantity: [] for quantity in SCALES}
     for name, result in results.items():
         for quantity, scale in SCALES.items():
@@ -122,7 +122,7 @@ def collected(
             bound = any(part.bound for part in wanted)
             points = measured / top, computed / top, sigma
             found[quantity].append(Points(name, cases[name].evidence, result["passed"], *points, bound))
-    return found
+    return {quantity: groups for quantity, groups in found.items() if groups}
 
 
 def comparisons(case: Case | Experiment) -> tuple[Comparison, ...]:

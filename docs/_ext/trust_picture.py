@@ -7,7 +7,18 @@ from typing import Any
 
 import numpy as np
 
-COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6bb1")
+COLORS = (
+    "#0072b2",
+    "#d55e00",
+    "#009e73",
+    "#cc79a7",
+    "#e69f00",
+    "#56b4e9",
+    "#8c6bb1",
+    "#7f7f7f",
+    "#a6761d",
+    "#17becf",
+)
 MARKERS = {"measured": "o", "published": "s", "law": "^", "exact": "D"}
 INK = {"": ("#24292f", "#c2471f"), "_dark": ("#d6dbe1", "#ff8a65")}
 """Colours of text and lines, and of the model's lines, by ending of the file's name."""
@@ -24,10 +35,10 @@ factor by which we are too high, σ the relative standard deviation that remains
 away. All cases count alike, however many points they have; a curve shows at most {points} of its points. Velocities
 change sign and shares end at 0 and 1, so these two count by differences: of the largest measured speed, and of shares.
 Velocities, mean concentrations and temperatures are over the largest measured value of the case. Where a source states
-no uncertainty, it is that of the guide: 8 % for velocity and concentration, 7 % for temperature, else 0, and all scatter
-counts as ours. Temperature has no measured case yet: heat transfer and the flow rate of warm plumes stand in; drag has
-numerical benchmarks. Of gas maps only upper bounds are published: errors over those of a simpler method. Equations:
-`validation/trust.py`.
+no uncertainty, it is that of the guide: 8 % for velocity and concentration, 7 % for temperature, else 0, and all
+scatter counts as ours. Temperature has no measured case yet: heat transfer and the flow rate of warm plumes stand in;
+drag has numerical benchmarks. Of gas maps only upper bounds are published: errors over those of a simpler method.
+Equations: `validation/trust.py`.
 """
 SPEED = """\
 Time of a step of flow and gas per cell on {cores} cores: {figures}. The memory bandwidth
@@ -65,8 +76,6 @@ def _table(collected: Mapping[Any, Sequence[Any]]) -> str:
 
     rows = ["| quantity | cases | points | δ | σ, model | σ, experiments |", "|---|---|---|---|---|---|"]
     for quantity, groups in collected.items():
-        if not groups:
-            continue
         names = ", ".join(f"`{group.case}`" + ("" if group.met else " (missed)") for group in groups)
         if groups[0].bound:
             cells = (str(sum(len(group.measured) for group in groups)), _kept(groups), "", "")
@@ -126,18 +135,22 @@ def _draw(
     look = dict.fromkeys(colored, ink) | {"svg.hashsalt": "trust", "font.size": 7.5, "axes.linewidth": 0.6}
     look |= {"axes.facecolor": "none", "figure.facecolor": "none", "legend.frameon": False}
     with rc_context(look):
-        figure = Figure(figsize=(8.4, 7.2), layout="constrained")
-        axes = list(figure.subplots(3, 3).flat)
+        rows = len(collected) // 3 + 1
+        figure = Figure(figsize=(8.4, 2.4 * rows), layout="constrained")
+        axes = list(figure.subplots(rows, 3).flat)
         for axis, (quantity, groups) in zip(axes, collected.items(), strict=False):
             axis.set_title(quantity, fontsize=9, fontweight="bold", loc="left")
             axis.grid(alpha=0.15, linewidth=0.5)
-            (_bounds if groups and groups[0].bound else _scatter)(axis, quantity, groups, ink, model)
+            (_bounds if groups[0].bound else _scatter)(axis, quantity, groups, ink, model)
         _bars(axes[len(collected)], speeds)
+        for axis in axes[len(collected) + 1 :]:
+            axis.remove()
         figure.savefig(path, metadata={"Date": None})
 
 
 def _points(axis: Any, groups: Sequence[Any], x: Any = None) -> None:
-    for n, (group, color) in enumerate(zip(groups, COLORS, strict=False)):
+    for n, group in enumerate(groups):
+        color = COLORS[n % len(COLORS)]
         axis.scatter(
             group.measured if x is None else x(n, group),
             group.computed,
