@@ -110,16 +110,16 @@ def collected(
     found: dict[Quantity, list[Points]] = {quantity: [] for quantity in SCALES}
     for name, result in results.items():
         for quantity, scale in SCALES.items():
-            wanted = [part for part in comparisons(cases[name]) if part.quantity == quantity]
+            parts = [part for part in comparisons(cases[name]) if part.quantity == quantity]
             exact = cases[name].evidence == "exact"
-            pairs = [pair for part in wanted for pair in _pairs(part, result, 0.0 if exact else scale.sigma)]
+            pairs = [pair for part in parts for pair in _pairs(part, result, 0.0 if exact else scale.sigma)]
             if not pairs:
                 continue
             measured, computed, sigma = np.array(pairs, float).T
             if not scale.differences and min(measured.min(), computed.min()) <= 0.0:
                 raise ValueError(f"{name}: values of {quantity} must be positive, as their ratio counts")
             top = np.abs(measured).max() if scale.relative else 1.0
-            bound = any(part.bound for part in wanted)
+            bound = any(part.bound for part in parts)
             points = measured / top, computed / top, sigma
             found[quantity].append(Points(name, cases[name].evidence, result["passed"], *points, bound))
     return {quantity: groups for quantity, groups in found.items() if groups}

@@ -26,7 +26,7 @@ INK = {"": ("#24292f", "#c2471f"), "_dark": ("#d6dbe1", "#ff8a65")}
 AXES = {"time of searches": "s", "drag": "coefficients, Pa", "concentration fluctuation": "c'/C, or ratios"}
 ABOUT = """\
 Measured or published values (x) and ours (y) of every case that has both. Black: agreement, dashed ±2 σ of the
-experiments. Red: bias of the model, dashed ±2 σ of the model. Hollow: a case that misses one of its bounds.
+experiments. Red: bias of the model, dashed ±2 σ of the model. Hollow, ○: a case that misses one of its bounds.
 Circles: measured; squares: published; triangles: laws; diamonds: numerical benchmarks. Last panel: time of a step.
 """
 HOW = """\
@@ -76,7 +76,7 @@ def _table(collected: Mapping[Any, Sequence[Any]]) -> str:
 
     rows = ["| quantity | cases | points | δ | σ, model | σ, experiments |", "|---|---|---|---|---|---|"]
     for quantity, groups in collected.items():
-        names = ", ".join(f"`{group.case}`" + ("" if group.met else " (missed)") for group in groups)
+        names = ", ".join(f"`{group.case}`" + ("" if group.met else " ○") for group in groups)
         if groups[0].bound:
             cells = (str(sum(len(group.measured) for group in groups)), _kept(groups), "", "")
         else:
