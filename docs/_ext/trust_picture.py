@@ -41,8 +41,8 @@ drag has numerical benchmarks. Of gas maps only upper bounds are published: erro
 Equations: `validation/trust.py`.
 """
 SPEED = """\
-Time of a step of flow and gas per cell on {cores} cores: {figures}. The memory bandwidth
-was measured in the same minute. `python docs/validation/make.py --speed` adds a release.
+Time of a step of flow and gas per cell on {cores} cores, the least of several turns on a shared machine, beside the
+memory bandwidth: {figures}. `python docs/validation/make.py --speed` adds a release.
 """
 
 
@@ -110,12 +110,12 @@ def _absent(cases: Mapping[str, Any], results: Mapping[str, Any]) -> str:
 
 def _speeds(speeds: Sequence[Mapping[str, Any]]) -> str:
     figures = "; ".join(
-        f"{one['version']} ({one['date']}) "
+        f"{one['version']} of {one['date']} "
         + ", ".join(
-            f"`{name}` {case['ns']:.0f} ns, the time of {case['ns'] * case['bandwidth'] / 1e3:.1f} kB at "
-            f"{case['bandwidth']:.0f} GB/s"
-            for name, case in one["cases"].items()
+            f"`{name}` {ns:.0f} ns (the time of {ns * one['bandwidth'] / 1e3:.1f} kB)"
+            for name, ns in one["ns"].items()
         )
+        + f" at {one['bandwidth']:.0f} GB/s"
         for one in speeds
     )
     return SPEED.format(cores=speeds[-1]["cores"], figures=figures)
@@ -221,10 +221,10 @@ def _bounds(axis: Any, quantity: Any, groups: Sequence[Any], ink: str, model: st
 def _bars(axis: Any, speeds: Sequence[Mapping[str, Any]]) -> None:
     """Draw the time of a step per cell of each release."""
     axis.set_title("speed of a step, by release", fontsize=9, fontweight="bold", loc="left")
-    names = list(speeds[-1]["cases"])
+    names = list(speeds[-1]["ns"])
     width = 0.8 / len(names)
     for k, (name, color) in enumerate(zip(names, COLORS, strict=False)):
-        known = [(n, one["cases"][name]["ns"]) for n, one in enumerate(speeds) if name in one["cases"]]
+        known = [(n, one["ns"][name]) for n, one in enumerate(speeds) if name in one["ns"]]
         place = [n + (k - 0.5 * (len(names) - 1)) * width for n, _ in known]
         axis.bar(place, [ns for _, ns in known], width, color=color, label=name)
         for x, (_, ns) in zip(place, known, strict=True):

@@ -62,18 +62,22 @@ def main() -> int:
 
 def speed(checkouts: list[Path], turns: int = 3) -> int:
     """Store the least time of a step per cell [ns] of each checkout, and the largest bandwidth, of several turns."""
-    steps: dict[Path, dict[str, Any]] = {path.resolve(): {} for path in checkouts}
-    for path in list(steps) * turns:
-        for row in json.loads(_python(path, "-m", BENCHMARK, *STEPS, "--json", "--seconds", "2")):
-            ns, rate = round(1e3 / row["Mcell_steps_per_s"], 1), round(row["bandwidth"], 1)
-            best = steps[path].get(row["case"], {"ns": ns, "bandwidth": rate})
-            steps[path][row["case"]] = {"ns": min(best["ns"], ns), "bandwidth": max(best["bandwidth"], rate)}
+    rows: dict[Path, list[dict[str, Any]]] = {path.resolve(): [] for path in checkouts}
+    for path in list(rows) * turns:
+        rows[path] += json.loads(_python(path, "-m", BENCHMARK, *STEPS, "--json", "--seconds", "2"))
     releases = {one["version"]: one for one in json.loads(SPEEDS.read_text())} if SPEEDS.exists() else {}
-    for path, cases in steps.items():
+    for path, turned in rows.items():
         version = _python(path, "-c", "import taichi_plume; print(taichi_plume.__version__)").split()[-1]
         commit, day = _output(["git", "log", "-1", "--format=%h %cs"], path).split()
         origin = {"version": version, "date": day, "commit": commit, "cores": os.cpu_count()}
-        releases[version] = origin | {"cases": cases}
+        least = {
+            name: 1e3 / max(row["Mcell_steps_per_s"] for row in turned if row["case"] == name)
+            for name in STEPS
+        }
+        releases[version] = origin | {
+            "bandwidth": round(max(row["bandwidth"] for row in turned), 1),
+            "ns": {name: round(ns, 1) for name, ns in least.items()},
+        }
     lines = ",\n".join(json.dumps(releases[version]) for version in sorted(releases))
     SPEEDS.write_text(f"[\n{lines}\n]\n", encoding="utf-8")
     return 0

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trust_picture
 from matplotlib.figure import Figure
+from scripts import loaded
 
 from taichi_plume.validation.cases import CASES
 from taichi_plume.validation.trust import SCALES, Points, collected, comparisons, published, statistics
@@ -142,3 +143,23 @@ def test_the_page_begins_with_the_picture(tmp_path):
     assert "`annex20` ○" in text
     page = (DOCS / "validation.md").read_text(encoding="utf-8")
     assert page.index("validation/trust.md") < page.index("\n## ")
+
+
+def test_the_speed_of_a_release_is_the_best_of_its_turns(tmp_path, monkeypatch):
+    make = loaded(DOCS / "validation/make.py")
+    rates = iter((4.0, 2.0, 5.0, 1.0))  # of arena_3d and arena_2d, in two turns
+
+    def output(command, folder):
+        if command[0] == "git":
+            return "abc 2026-01-02"
+        if "-c" in command:
+            return "0.3.0"
+        rows = [{"case": name, "Mcell_steps_per_s": next(rates), "bandwidth": 20.0} for name in make.STEPS]
+        return json.dumps(rows)
+
+    monkeypatch.setattr(make, "SPEEDS", tmp_path / "speed.json")
+    monkeypatch.setattr(make, "_output", output)
+    make.speed([tmp_path], turns=2)
+    (release,) = json.loads(make.SPEEDS.read_text())
+    assert release["ns"] == {"arena_3d": 200.0, "arena_2d": 500.0}
+    assert (release["version"], release["commit"], release["bandwidth"]) == ("0.3.0", "abc", 20.0)
