@@ -46,7 +46,7 @@ ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 MADE = (  # by the build
     *("reference", "tutorials", "gallery/runs", "_build"),
-    *("validation/tables.md", "validation/repeated.md"),
+    *("validation/trust.md", "validation/tables.md", "validation/repeated.md"),
 )
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"] + [
     path

@@ -6,6 +6,7 @@ results are as expected; 1: a result is not; 2: unknown case.
 
 import difflib
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, asdict, dataclass
 from math import isfinite
@@ -179,15 +180,17 @@ def _result(case: "Case | Experiment", args: Options) -> "tuple[Keys, Pictures]"
 
 
 def _norms(case: "Case", arch: str) -> "tuple[Keys, list[bool | None], Pictures]":
-    """Return the norms of a solved case, their verdicts and the pictures."""
+    """Return the norms of a solved case, their verdicts and the pictures. Compared values are no errors of an order."""
     from taichi_plume.validation.case import examine
+    from taichi_plume.validation.trust import comparisons
 
     findings, curves = examine(case, case.fine, arch)
+    values = [part.values for part in comparisons(case)]
     norms = [
         {
             "norm": finding.norm,
             "errors": {str(n): _number(error) for n, error in finding.errors.items()},
-            "order": _number(finding.order),
+            "order": None if any(re.match(name, finding.norm) for name in values) else _number(finding.order),
             "expected": str(finding.expected) if finding.expected else None,
             "met": finding.met,
         }

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from taichi_plume.validation.case import Keys
+from taichi_plume.validation.case import Comparison, Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Lines, Range, Results, over_airs
 from taichi_plume.validation.measured_air import (
     Record,
@@ -246,6 +246,7 @@ CASES = (
             Condition(FINEST.name, partial(all_meshes, last=FINEST), PUBLISHED, EXPECTED),
         ),
         evidence="measured",
+        compared=(Comparison("velocity", "u along .*", FINEST.name, "measured"),),
         trials=3,
         test_trials=0,
         discussion=DISCUSSION,

@@ -20,7 +20,7 @@ import numpy as np
 
 from taichi_plume.grid.shapes import UprightBox
 from taichi_plume.scenario.obstacles import Box
-from taichi_plume.validation.case import Curve, Keys
+from taichi_plume.validation.case import Comparison, Curve, Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Mean, Picture, Range, Results, over_airs
 from taichi_plume.validation.measured_air import (
     Record,
@@ -194,6 +194,7 @@ CASES = (
         "Jovic & Driver 1994, NASA TM 108807",
         (_condition(5, expected=False), _condition(8, expected=False), _condition(10, expected=True)),
         evidence="measured",
+        compared=(Comparison("velocity", ".* behind the step, 10 cells"),),
         trials=3,
         test_trials=0,
         discussion=DISCUSSION,

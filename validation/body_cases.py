@@ -14,7 +14,7 @@ from taichi_plume.scenario.species import AIR_DENSITY
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.forces import Forces
-from taichi_plume.validation.case import Case, Expected
+from taichi_plume.validation.case import Case, Comparison, Expected
 from taichi_plume.validation.flow_cases import Errors, at_both_steps, both_steps, laminar_wind, periodic
 from taichi_plume.validation.setups import advance
 
@@ -65,6 +65,8 @@ def cylinder(n: int) -> Errors:
             "drag coefficient": float(abs(drag / DRAG - 1.0)),
             "pressure drop": abs((front - back) / PRESSURE_DROP - 1.0),
             "lift coefficient over drag": float(abs(lift - LIFT) / DRAG),
+            "drag coefficient, computed": float(drag),
+            "pressure drop, computed": front - back,
         }
 
     return at_both_steps(wind, flow_of, errors)
@@ -97,6 +99,8 @@ def shedding(n: int) -> Errors:
             "Strouhal number": float(abs(frequency * DIAMETER / mean / STROUHAL - 1.0)),
             "largest drag": float(abs(drag.max() / LARGEST_DRAG - 1.0)),
             "largest lift": float(abs(lift.max() / LARGEST_LIFT - 1.0)),
+            "largest drag, computed": float(drag.max()),
+            "largest lift, computed": float(lift.max()),
         }
 
     return at_both_steps(wind, flow_of, errors)
@@ -199,6 +203,10 @@ CASES = (
         "Schäfer & Turek 1996, case 2D-1, doi:10.1007/978-3-322-89849-4_39",
         cylinder,
         evidence="exact",
+        compared=(
+            Comparison("drag", "drag coefficient, computed", measured=DRAG),
+            Comparison("drag", "pressure drop, computed", measured=PRESSURE_DROP),
+        ),
         coarse=(10,),
         fine=(10, 20),
         expected=both_steps(
@@ -214,6 +222,10 @@ CASES = (
         "Schäfer & Turek 1996, case 2D-2, doi:10.1007/978-3-322-89849-4_39",
         shedding,
         evidence="exact",
+        compared=(
+            Comparison("drag", "largest drag, computed", measured=LARGEST_DRAG),
+            Comparison("drag", "largest lift, computed", measured=LARGEST_LIFT),
+        ),
         coarse=(10,),
         fine=(10, 20),
         expected=both_steps(

@@ -24,6 +24,41 @@ EVIDENCE: Mapping[Evidence, str] = {
 """Meaning of each kind of evidence."""
 
 
+Quantity: TypeAlias = Literal[
+    "velocity",
+    "mean concentration",
+    "concentration fluctuation",
+    "temperature",
+    "drag",
+    "time of searches",
+    "success of searches",
+    "error of maps",
+]
+"""Quantity of the picture of trust (see `trust`)."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Values of a case that the picture of trust shows beside measured or published values (see `trust`).
+
+    values: regular expression of names of errors or means, or of titles of pictures. where: of conditions, or of the
+    computed line of a picture of several lines. measured: a number, or the name of the line or mean that is the
+    reference; by default the reference of a curve, or the number in `published`. sigma: relative standard deviation of
+    the measurement; by default that in `published`, or the quantity's. bound: the published value is an upper bound.
+    """
+
+    quantity: Quantity
+    values: str
+    where: str = ".*"
+    measured: float | str | None = None
+    sigma: float | None = None
+    bound: bool = False
+
+
+Compared: TypeAlias = tuple[Comparison, ...] | str
+"""Comparisons of a case, or the reason why the picture of trust has none."""
+
+
 @dataclass(frozen=True)
 class Expected:
     """Bounds of an error: at least an order of accuracy, at most a tolerance.
@@ -95,6 +130,7 @@ class Case:
     fine: tuple[int, ...]
     expected: Mapping[str, Expected]
     evidence: Evidence = field(kw_only=True)
+    compared: Compared = field(default=(), kw_only=True)
     discussion: str = ""
     """Text of the report: which results are reproduced, which are not, and why."""
 

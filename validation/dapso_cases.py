@@ -99,6 +99,7 @@ CASES = (
             for name in TEAMS
         ),
         evidence="published",
+        compared="the paper gives no search times and no shares",
         trials=96,
         test_trials=0,
         discussion=DISCUSSION,

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import bootstrap
 
 from taichi_plume.engine import program
-from taichi_plume.validation.case import Curve, Evidence
+from taichi_plume.validation.case import Compared, Curve, Evidence
 
 
 @dataclass(frozen=True)
@@ -208,6 +208,7 @@ class Experiment:
     reference: str
     conditions: tuple[Condition, ...]
     evidence: Evidence = field(kw_only=True)
+    compared: Compared = field(default=(), kw_only=True)
     trials: int = 200
     test_trials: int = 4
     discussion: str = ""

@@ -7,7 +7,7 @@ import numpy as np
 
 from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.solvers.heat import HeatSolver
-from taichi_plume.validation.case import SECOND_ORDER, Answer, Case, Curve, Expected
+from taichi_plume.validation.case import SECOND_ORDER, Answer, Case, Comparison, Curve, Expected
 from taichi_plume.validation.flow_cases import Errors, laminar_flow, rms, settle, velocities
 from taichi_plume.validation.setups import cfd, flow_on, samples
 
@@ -74,6 +74,7 @@ def heated_cavity(n: int, rayleigh: float, flux: float, u_max: float, v_max: flo
         "Nusselt number": abs(nusselt / flux - 1.0),
         "u_max": abs(peak(up) / diffusivity / u_max - 1.0),
         "v_max": abs(peak(across) / diffusivity / v_max - 1.0),
+        "Nusselt number, computed": nusselt,
     }
 
 
@@ -165,6 +166,7 @@ def _heated_cavity(rayleigh: float, fine: tuple[int, ...], **reference: float) -
         "de Vahl Davis 1983, doi:10.1002/fld.1650030305",
         partial(heated_cavity, rayleigh=rayleigh, **reference),
         evidence="exact",
+        compared=(Comparison("temperature", "Nusselt number, computed", measured=reference["flux"]),),
         coarse=(24,) if rayleigh > 1e4 else (),
         fine=fine,
         expected={
@@ -195,6 +197,7 @@ CASES = (
         "Morton, Taylor & Turner 1956, doi:10.1098/rspa.1956.0011",
         thermal_plume,
         evidence="law",
+        compared=(Comparison("temperature", "flow rate of the plume"),),
         coarse=(36,),
         fine=(36, 60),
         expected={

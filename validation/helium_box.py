@@ -33,7 +33,7 @@ import numpy as np
 from scipy.optimize import root_scalar
 
 from taichi_plume.scenario.species import AIR_MOLAR_MASS, GAS_CONSTANT, PRESSURE, TEMPERATURE
-from taichi_plume.validation.case import Curve, Keys
+from taichi_plume.validation.case import Comparison, Curve, Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Lines, Mean, Range, Results
 from taichi_plume.validation.searches import probed
 
@@ -270,6 +270,12 @@ CASES = (
             Condition("Linden's box, mixed well", boxes),
         ),
         evidence="measured",
+        compared=(
+            Comparison("mean concentration", "helium after 10 min, cells of 3.75 cm"),
+            Comparison("mean concentration", "helium after 1 h, cells of 5 cm"),
+            Comparison("mean concentration", "helium after 4 h, .*"),
+            Comparison("mean concentration", "helium 1 h after the end of the release, .*"),
+        ),
         trials=1,
         test_trials=0,
         discussion=DISCUSSION,

@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 import yaml
 
 from taichi_plume.results.run import Run, open_run
-from taichi_plume.validation.case import Keys
+from taichi_plume.validation.case import Comparison, Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Range, Results
 from taichi_plume.validation.plumesim_cases import ALIKE, LAMINAR, PLUME, ROOMBA, arena, in_airs
 from taichi_plume.validation.searches import Searches, scenario_of
@@ -91,6 +91,7 @@ CASES = (
             Condition("outside, which sends poses (hybrid)", partial(searched, takes="pose"), ALIKE, FOUND),
         ),
         evidence="published",
+        compared=(Comparison("success of searches", "success", r"inside|outside.*\(hybrid\)", 1.0),),
         test_trials=0,
         discussion=DISCUSSION,
     ),

@@ -11,7 +11,7 @@ no eddy viscosity in the laminar shear layer at the fan and makes the jet slight
 import numpy as np
 
 from taichi_plume.solvers.flow import FlowSolver
-from taichi_plume.validation.case import Case, Expected
+from taichi_plume.validation.case import Case, Comparison, Expected
 from taichi_plume.validation.flow_cases import Errors
 from taichi_plume.validation.setups import advance, cfd, flow_on, samples
 
@@ -96,6 +96,7 @@ CASES = (
         "measured jets, see jet.py",
         fan_jet,
         evidence="law",
+        compared=(Comparison("velocity", "K", measured=DECAY[0], sigma=DECAY[1] / DECAY[0] / 2.0),),
         coarse=(),
         fine=(6,),
         expected={

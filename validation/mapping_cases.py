@@ -37,6 +37,7 @@ import numpy as np
 
 from taichi_plume.scoring.map_quality import recovered_jumps
 from taichi_plume.validation import mapping_whiffs
+from taichi_plume.validation.case import Comparison
 from taichi_plume.validation.experiment import (
     CORRELATION,
     SHARE,
@@ -546,6 +547,11 @@ CASES = (
             Condition("whiffs without air", without_air),
         ),
         evidence="published",
+        compared=(
+            Comparison(
+                "error of maps", "error, alpha .*|all readings, .*: worst alpha .*", measured=1.0, bound=True
+            ),
+        ),
         trials=8,
         test_trials=0,
         discussion=DISCUSSION,

@@ -353,6 +353,7 @@ CASES = (
         trials=8,
         test_trials=0,
         evidence="published",
+        compared="varies the parameters of `odor_mapping`, which are not judged",
         discussion=DISCUSSION,
     ),
 )

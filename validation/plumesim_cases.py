@@ -21,7 +21,7 @@ from taichi_plume.execution.plume_log import PlumeLogger
 from taichi_plume.files.plumesim_log import read_log
 from taichi_plume.files.point_frames import PointFrames
 from taichi_plume.grid.fields import ppm_at
-from taichi_plume.validation.case import Keys
+from taichi_plume.validation.case import Comparison, Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Results
 from taichi_plume.validation.searches import WAY, scenario_of, searches, spread
 
@@ -216,6 +216,7 @@ CASES = (
             *_both(f"PSFluent, {AIRS} airs", from_fluent, published=SIMULATED, expected=LED),
         ),
         evidence="published",
+        compared=(Comparison("success of searches", "success", "turbulent arena.*|PSFluent.*, at once"),),
         test_trials=0,
         discussion=DISCUSSION,
     ),

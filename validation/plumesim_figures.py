@@ -200,6 +200,7 @@ CASES = (
             ),
         ),
         evidence="published",
+        compared="compares pictures of the paper by eye; correlations and distances are between runs of ours",
         trials=1,
         test_trials=0,
         discussion=DISCUSSION,

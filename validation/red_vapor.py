@@ -36,7 +36,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from taichi_plume.validation import agreement
-from taichi_plume.validation.case import Keys
+from taichi_plume.validation.case import Comparison, Curve, Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Results, over_airs
 from taichi_plume.validation.published_data import data_file
 from taichi_plume.validation.searches import probed
@@ -197,18 +197,29 @@ def shares(
     return gas / flux, flux
 
 
-def agreement_of_gas(measured: pd.DataFrame, gas: np.ndarray, u: np.ndarray) -> dict[str, float]:
-    """Return the measures of agreement of computed gas (n,), in any unit, in a computed wind u (n,) [m/s]."""
+def pairs_of_gas(measured: pd.DataFrame, gas: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the judged concentrations over their flux, measured and computed; arguments: see `agreement_of_gas`."""
     limit = detection_limit(measured)
     seen, flux = shares(measured, measured["gas"].to_numpy(), measured["u"].to_numpy(), limit)
     computed, _ = shares(measured, gas, u)
     judged = (measured["x"] < BEYOND).to_numpy()
-    pair = agreement.above(limit / flux, seen[judged], computed[judged])
+    return agreement.above(limit / flux, seen[judged], computed[judged])
+
+
+def agreement_of_gas(measured: pd.DataFrame, gas: np.ndarray, u: np.ndarray) -> dict[str, float]:
+    """Return the measures of agreement of computed gas (n,), in any unit, in a computed wind u (n,) [m/s]."""
+    pair = pairs_of_gas(measured, gas, u)
     return {
         "FAC2": agreement.fac2(*pair),
         "fractional bias": agreement.fractional_bias(*pair),
         "NMSE": agreement.nmse(*pair),
     }
+
+
+def scatter(quantity: str, measured: np.ndarray, computed: np.ndarray) -> Curve:
+    """Return a scatter plot of computed over measured values (n,), by ascending measured value."""
+    order = np.argsort(measured)
+    return Curve(f"measured {quantity}", quantity, measured[order], computed[order], measured[order])
 
 
 @cache
@@ -222,6 +233,7 @@ def compared(airs: int, cell: float, rise: float = RISE, frozen: bool = False) -
     measured = measurement()
     points = np.column_stack([placed(measured[["x", "y"]].to_numpy()), measured["z"]])
     values: dict[str, list[float]] = {}
+    plots: dict[str, Curve] = {}
     for seed in range(1, airs + 1):
         keys = scenario(points, inflow(measured), cell, seed, rise)
         if frozen:
@@ -235,7 +247,15 @@ def compared(airs: int, cell: float, rise: float = RISE, frozen: bool = False) -
         for axis in "uvw":
             rate = agreement.hit_rate(measured[axis].to_numpy(), mean[axis], LEAST * SPEED)
             values.setdefault(f"wind {axis}: hit rate", []).append(rate)
-    return {name: over_airs(numbers) for name, numbers in values.items()}
+        if seed == 1 and rise == RISE and not frozen:
+            cells = f"cells of {100 * cell:g} cm"
+            for part in (GRID, PUFFS):
+                pair = pairs_of_gas(measured, mean[part], mean["u"])
+                plots[f"gas {WORDS[part]}, {cells}"] = scatter("gas over its flux", *pair)
+            for axis in "uvw":
+                pair = measured[axis].to_numpy() / SPEED, mean[axis] / SPEED
+                plots[f"wind {axis}, {cells}"] = scatter(f"{axis}/U0", *pair)
+    return {**{name: over_airs(numbers) for name, numbers in values.items()}, **plots}
 
 
 def gaussian_plume(_: int) -> Results:
@@ -285,6 +305,10 @@ CASES = (
             Condition("Gaussian plume", gaussian_plume),
         ),
         evidence="measured",
+        compared=(
+            Comparison("mean concentration", "gas .*, cells of 6 cm"),
+            Comparison("velocity", "wind [uvw], cells of 6 cm"),
+        ),
         trials=3,
         test_trials=0,
         discussion=DISCUSSION,

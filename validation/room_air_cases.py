@@ -21,7 +21,7 @@ from taichi_plume.scenario.winds import SyntheticWind
 from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.solvers.room_mixing import air_changes, diffusivity
 from taichi_plume.solvers.synthetic_flow import SyntheticSolver
-from taichi_plume.validation.case import Curve
+from taichi_plume.validation.case import Comparison, Curve
 from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Results, over_airs
 
 ROOM = ((50, 40, 25), 0.1)  # 50 m³
@@ -174,6 +174,7 @@ CASES = (
             ),
         ),
         evidence="published",
+        compared=(Comparison("mean concentration", "K of particles.*", "the default.*"),),
         trials=8,
         test_trials=0,
         discussion=DISCUSSION,

@@ -40,7 +40,7 @@ from taichi_plume.fluctuations.sensor_comparison import readings
 from taichi_plume.scenario.metal_oxides import MOX_MODELS
 from taichi_plume.scenario.sensors import MoxSensor
 from taichi_plume.validation import orebro_office
-from taichi_plume.validation.case import Keys
+from taichi_plume.validation.case import Comparison, Keys
 from taichi_plume.validation.experiment import (
     CORRELATION,
     Condition,
@@ -346,6 +346,7 @@ CASES = (
             ),
         ),
         evidence="measured",
+        compared=(Comparison("concentration fluctuation", ".*: c'/C, ours over recorded", measured=1.0),),
         trials=len(RECORDS),
         test_trials=0,
         discussion=DISCUSSION,

@@ -146,6 +146,7 @@ CASES = (
             for d in DISTANCES
         ),
         evidence="published",
+        compared="the paper gives the larger area no times, only that they changed or not",
         trials=16 * AIRS,
         test_trials=0,
         discussion=DISCUSSION,

@@ -31,6 +31,7 @@ with each acquisition as with any other, has a coefficient of variation near 1, 
 takes at least. Printed are 0.2 for random SPIRAL and E. coli. Instead their chance is reported (`chance_of_variation`).
 """
 
+import re
 from collections.abc import Mapping
 from functools import cache, partial
 from itertools import pairwise
@@ -38,7 +39,7 @@ from math import ceil
 
 import numpy as np
 
-from taichi_plume.validation.case import Keys
+from taichi_plume.validation.case import Comparison, Keys
 from taichi_plume.validation.experiment import (
     Condition,
     Experiment,
@@ -341,6 +342,7 @@ CASES = (
             Condition("indices of a known noise", lambda trials: noise(max(1, trials // 2))),
         ),
         evidence="published",
+        compared=(Comparison("time of searches", re.escape("time [s]")),),
         trials=TRIALS,
         test_trials=0,
         discussion=DISCUSSION,
@@ -351,6 +353,7 @@ CASES = (
         "Ferri et al. 2009, table 2",
         tuple(_reading(name, distance) for name in READINGS for distance in DISTANCES),
         evidence="published",
+        compared="other readings of the paper of `spiral_table2`, which are not judged",
         trials=TRIALS,
         test_trials=0,
         discussion=READINGS_DISCUSSION,

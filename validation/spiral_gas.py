@@ -415,6 +415,7 @@ CASES = (
             for fluctuations in (False, True)
         ),
         evidence="published",
+        compared="the paper's figures are repeated by their description in words",
         trials=6,
         test_trials=0,
         discussion=DISCUSSION,

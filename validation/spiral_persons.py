@@ -20,7 +20,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from taichi_plume.validation.case import Keys
+from taichi_plume.validation.case import Comparison, Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Results, over_airs
 from taichi_plume.validation.searches import first_trials
 from taichi_plume.validation.spiral_cases import NEAR_SPIRAL
@@ -154,6 +154,7 @@ CASES = (
             Condition("with persons, other starts", partial(searches, name="with persons", starts=True)),
         ),
         evidence="published",
+        compared=(Comparison("time of searches", r"time \[s\], .*", "with persons"),),
         trials=24 * AIRS,
         test_trials=0,
         discussion=DISCUSSION,

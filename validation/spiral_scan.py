@@ -379,6 +379,7 @@ CASES = (
         trials=8,
         test_trials=0,
         evidence="published",
+        compared="varies the parameters of `spiral_table2`, which are not judged",
         discussion=DISCUSSION,
     ),
 )

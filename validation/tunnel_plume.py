@@ -35,7 +35,7 @@ from scipy import stats
 from taichi_plume.fluctuations.moments import moments
 from taichi_plume.fluctuations.space import gaussian_fit
 from taichi_plume.fluctuations.spectra import integral_time
-from taichi_plume.validation.case import Keys
+from taichi_plume.validation.case import Comparison, Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Lines, Range, Results, over_airs
 from taichi_plume.validation.searches import probed
 
@@ -330,6 +330,12 @@ CASES = (
             for kind in KINDS
         ),
         evidence="published",
+        compared=(
+            Comparison("mean concentration", "mean width over .*"),
+            Comparison(
+                "concentration fluctuation", "largest c'/C on the axis|99th percentile over a gamma .*"
+            ),
+        ),
         trials=5,
         test_trials=0,
         discussion=DISCUSSION,

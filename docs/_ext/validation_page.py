@@ -1,7 +1,7 @@
 """Write the tables and plots of the validation pages from validation/results.json (see validation/make.py).
 
-A Sphinx extension: before a build it writes validation/tables.md, which validation.md includes, validation/repeated.md,
-which experiments.md includes, and validation/plots/.
+A Sphinx extension: before a build it writes validation/trust.md and tables.md, which validation.md includes,
+validation/repeated.md, which experiments.md includes, and validation/plots/.
 """
 
 import json
@@ -10,6 +10,8 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
+
+import trust_picture
 
 GROUPS = (
     (
@@ -90,8 +92,15 @@ def write(folder: Path) -> None:
         path = plots / f"{name}.svg"
         if _panels(result) and not (path.exists() and path.stat().st_mtime > results_made):
             _draw(result, path)
+    from taichi_plume.validation.cases import CASES
+
     known = cases()
-    for name, text in (("tables.md", page(known, results)), ("repeated.md", repeated(known, results))):
+    texts = {
+        "trust.md": trust_picture.write(folder, CASES, results),
+        "tables.md": page(known, results),
+        "repeated.md": repeated(known, results),
+    }
+    for name, text in texts.items():
         path = folder / name
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")
