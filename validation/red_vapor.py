@@ -214,7 +214,7 @@ def agreement_of_gas(measured: pd.DataFrame, gas: np.ndarray, u: np.ndarray) -> 
 @cache
 def measurement() -> pd.DataFrame:
     """Return the prepared measurement of the data folder."""
-    return prepared(data_file(FILE, DOI))
+    return prepared(data_file(FILE, f"doi:{DOI}"))
 
 
 def compared(airs: int, cell: float, rise: float = RISE, frozen: bool = False) -> Results:

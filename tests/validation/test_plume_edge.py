@@ -18,7 +18,7 @@ def test_statistics_of_samples_with_dye_in_a_tenth_of_them():
 
 
 def test_the_distance_is_where_the_first_point_has_the_measured_share():
-    n, shares = 10_000, np.array([0.03, 0.05, 0.08, 0.1, 0.12, 0.15, 0.2])
+    n, shares = 10_000, np.array([0.03, 0.05, 0.08, 0.1, 0.12, 0.15, 0.2, 0.25])
     gas = np.zeros((len(DISTANCES), 2, n))
     for k, share in enumerate(shares):
         gas[k, 0, : round(share * n)] = 7.0  # ppm; the unit does not matter
@@ -31,6 +31,13 @@ def test_the_distance_is_where_the_first_point_has_the_measured_share():
     assert (first.mean, first.present) == pytest.approx((FIRST.mean, FIRST.present))
     assert (second.mean, second.present) == pytest.approx((0.5 * FIRST.mean, 0.5 * FIRST.present))
     assert np.isnan(plume_edge.at_edge(Records(gas[:2], *wind[:, :2]))[0])
+
+
+def test_the_unit_gives_the_mean_of_what_is_above_the_threshold():
+    gas = np.random.default_rng(3).exponential(size=5000) * (np.arange(5000) % 10 == 0)
+    unit = plume_edge.unit_of(gas, FIRST.mean, LEAST)
+    assert np.where(unit * gas >= LEAST, unit * gas, 0.0).mean() == pytest.approx(FIRST.mean)
+    assert plume_edge.unit_of(np.zeros(5), FIRST.mean, LEAST) == 0.0
 
 
 def test_a_file_of_the_data_set_is_read(tmp_path, monkeypatch):
