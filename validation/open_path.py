@@ -14,7 +14,7 @@ release 2. The position of the source is in no file that can be read safely, so 
 
 Estimate, for minute m and beam b, with the mean enhancement a per unit of strength along the beam:
 
-    p_mb = β_b + q a_mb(x, y) + noise,    β_b ~ N(1.92, 0.1²) ppm (Newman et al.),    noise ~ N(0, 0.4²) ppm
+    p_mb = β_b + q a_mb(x, y) + N(0, 0.4²) ppm,    β_b ~ N(1.92, 0.1²) ppm (Newman et al.),    q ~ N(0, 0.01²) kg/s
 
 For each position the strength q and the backgrounds β_b follow by least squares; the positions are weighted by their
 likelihood, and the estimate is the mean of q. a is a Gaussian plume over the ground in the mean wind of the minute, as
@@ -61,6 +61,7 @@ REFLECTORS = np.array(
 LENGTHS = np.linalg.norm(REFLECTORS - SENSOR, axis=1)
 AREA = np.stack(np.meshgrid(np.arange(40.0, 80.1, 2.0), np.arange(0.0, 110.1, 2.0)), axis=-1).reshape(-1, 2)
 BACKGROUND, UNCERTAIN, NOISE = 1.92, 0.1, 0.4  # ppm: mean and deviation of the prior; of a minute mean
+STRONGEST = 0.01  # kg/s: deviation of the prior of the strength, for positions that no beam sees
 RADIUS = 2.0 / 12.0**0.5  # m: standard deviation of a square of 2 m
 MOLAR_MASS, GAS_CONSTANT = 0.016043, 8.314  # kg/mol; J/(mol K)
 LARGEST = 30.0  # m/s: readings of the wind beyond are missing ones
@@ -130,18 +131,22 @@ def enhancements(minutes: Minutes, sources: np.ndarray) -> np.ndarray:
     return 1e6 / minutes.density * result
 
 
-def estimate(minutes: Minutes) -> Estimate:
-    """Return the strength, the position and the backgrounds from path means and winds, see the module's docstring."""
+def estimate(minutes: Minutes, positions: np.ndarray = AREA) -> Estimate:
+    """Return the strength, the position and the backgrounds from path means and winds, see the module's docstring.
+
+    positions: among which the source is, (n, 2) [m].
+    """
     seen = np.isfinite(minutes.ppm)
     beam = np.nonzero(seen)[1]
     rows = np.eye(len(REFLECTORS))
-    right = np.concatenate([minutes.ppm[seen] / NOISE, np.full(len(rows), BACKGROUND / UNCERTAIN)])
+    right = np.concatenate([minutes.ppm[seen] / NOISE, np.full(len(rows), BACKGROUND / UNCERTAIN), [0.0]])
     results, costs = [], []
-    per_unit = enhancements(minutes, AREA)
+    per_unit = enhancements(minutes, positions)
     for a in per_unit:
-        left = np.block(
-            [[a[seen][:, None] / NOISE, rows[beam] / NOISE], [np.zeros((7, 1)), rows / UNCERTAIN]]
-        )
+        left = np.zeros((len(right), 1 + len(rows)))
+        left[: len(beam)] = np.column_stack([a[seen], rows[beam]]) / NOISE
+        left[len(beam) : -1, 1:] = rows / UNCERTAIN
+        left[-1, 0] = 1.0 / STRONGEST
         found = np.linalg.lstsq(left, right, rcond=None)[0]
         if found[0] < 0.0:  # no source here
             found = np.concatenate([[0.0], np.linalg.lstsq(left[:, 1:], right, rcond=None)[0]])
@@ -154,7 +159,9 @@ def estimate(minutes: Minutes) -> Estimate:
     mean = float(weights @ strengths)
     deviation = float(np.sqrt(weights @ (strengths - mean) ** 2))
     backgrounds = results[best][1:]
-    return Estimate(mean, deviation, AREA[best], backgrounds, backgrounds + strengths[best] * per_unit[best])
+    return Estimate(
+        mean, deviation, positions[best], backgrounds, backgrounds + strengths[best] * per_unit[best]
+    )
 
 
 def scenario(wind: np.ndarray, source: np.ndarray, rate: float, intensity: tuple[float, float]) -> Keys:
@@ -221,8 +228,11 @@ def judged(minutes: Minutes, rate: float) -> Results:
     computed = np.nanmean(np.where(missing, np.nan, strongest[:, used]), axis=0)
     over = np.nanmean(minutes.ppm[:, used], axis=0) - found.backgrounds[used]
     seen = exact > 0.01 * exact.max()
+    wind = minutes.wind.mean(axis=0)
+    upwind = found.position - 20.0 * wind / np.linalg.norm(wind)
     values = {
         STRENGTH: found.strength / rate,
+        "the same, if the source were 20 m upwind": estimate(minutes, upwind[None]).strength / rate,
         "its deviation over the weighed strength": found.deviation / rate,
         "x of the source [m]": found.position[0],
         "y of the source [m]": found.position[1],
@@ -336,7 +346,14 @@ MEANS = "means of the beams within a factor of two"
 LASERS = "path means of the simulated laser over the closed form, median"
 EXPECTED = {STRENGTH: Range(0.5, 2.0), MEANS: Range(least=0.66), LASERS: Range(0.98, 1.02)}
 PUBLISHED = {STRENGTH: "1"}
-DISCUSSION = ""
+DISCUSSION = """\
+Met, but no strong test. The strength is 1.19 of the weighed one, and the mean of each of the six beams is right within
+a tenth. But the most likely position lies on beam 1, at the edge of the area, and the strength depends on the position:
+1.9 for a source 20 m upwind. Five minutes in one wind do not locate a source. The deviation of 0.02 is far too small,
+as errors of the plume are not independent from minute to minute. `open_path` has whole releases, with winds that turn.
+
+The simulated laser reads the closed form to three digits over paths of 34 to 98 m.
+"""
 
 CASES = (
     Experiment(

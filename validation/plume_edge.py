@@ -25,8 +25,8 @@ Expected, set before the first run with gas, for eddies of 50 mm:
 - Mean at the second point over that at the first: 0.5 to 1.1; measured 0.95 with two standard errors of about 0.5.
 - Correlation of v and c: within two standard errors (0.063) of the measured one.
 
-A first run with these bounds counted gas below the threshold, had a v' of 9.6 mm/s and half as long a record; see the
-discussion. The bounds were not changed.
+A first run with these bounds counted gas below the threshold, had a v' of 9.6 mm/s, and half as long a record; see
+the discussion. The bounds were not changed.
 """
 
 from collections.abc import Mapping
@@ -190,9 +190,9 @@ def at_edge(record: Records) -> tuple[float, dict[str, Edge], list[float]]:
     return distance, {name: Edge(*row) for name, row in zip(MEASURED, between, strict=True)}, shares.tolist()
 
 
-def beside(airs: int, eddies: float) -> Results:
+def beside(airs: int, eddies: str) -> Results:
     """Return the statistics at the edge in several flow realisations, and a picture of the share of time with dye."""
-    runs = [records(seed, eddies) for seed in range(1, airs + 1)]
+    runs = [records(seed, EDDIES[eddies]) for seed in range(1, airs + 1)]
     found = [at_edge(run) for run in runs]
     results: Keys = {
         "distance that the first point's share gives, in water [m]": over_airs(
@@ -210,7 +210,7 @@ def beside(airs: int, eddies: float) -> Results:
             results[f"{words}, {point}"] = over_airs(values, limits=(-np.inf, np.inf))
     shares = np.mean([share for _, _, share in found], axis=0)
     level = np.full(len(shares), FIRST.present)
-    results["share of time with dye at 16.1 mm"] = Lines(
+    results[f"share of time with dye at 16.1 mm, {eddies}"] = Lines(
         "distance from the source, in water [m]",
         "share",
         DISTANCES / SCALE,
@@ -274,7 +274,23 @@ def _as_stated() -> Mapping[str, Range]:
     return ranges
 
 
-DISCUSSION = ""
+DISCUSSION = """\
+Reproduced in part. Where the first point has dye for 8.5 % of the time, 0.42 m behind our source, c'/C is 4.7 and 5.0
+(measured 6.3 and 5.8), and the second point has 0.91 of the mean of the first (0.95) and dye for 7.5 % of the time
+(6.5 %). Dye comes in rare whiffs of many times the mean, as measured, though somewhat more evenly.
+
+Not reproduced: v and c correlate with 0.16 and 0.17, where 0.06 and 0.09 were measured, with a standard error of 0.03.
+The flux of dye outwards, over v' and the mean, is 0.75 and 0.86, measured 0.40 and 0.52. A plume whose parcels keep
+their velocity since the source has U y/(x v'), 0.84: ours is still so young. A flux half as large belongs to a plume
+that is older, in eddies smaller than 50 mm, or farther from its source than ours. The shear, which ours lacks, may
+contribute: u and c correlate with -0.04 in the file, and not in ours. Neither distance nor eddies are in the files, so
+none was changed to fit.
+
+With eddies of 100 mm no distance up to 0.5 m has the measured share: it rises to 6 %.
+
+A first run, of half the duration, counted gas below the threshold as gas, which the file does not have. c'/C was 3.6
+and 3.9, and the correlations 0.16 and 0.18, in the one of three flow realisations that reached the share.
+"""
 
 CASES = (
     Experiment(
@@ -284,7 +300,7 @@ CASES = (
         tuple(
             Condition(
                 name,
-                partial(beside, eddies=length),
+                partial(beside, eddies=name),
                 published=PUBLISHED,
                 expected=EXPECTED if length == min(EDDIES.values()) else {},
             )
