@@ -181,7 +181,9 @@ def decorrelation(series: np.ndarray) -> float:
 
 def record(number: int) -> np.ndarray:
     """Return the record of an experiment (n, 27) [ppm] in the order of SENSORS. Raises MissingDataError."""
-    return pd.read_csv(data_file(f"orebro/exp{number:02d}.csv.gz", DOI)).filter(regex="^C_").to_numpy()
+    return (
+        pd.read_csv(data_file(f"orebro/exp{number:02d}.csv.gz", f"doi:{DOI}")).filter(regex="^C_").to_numpy()
+    )
 
 
 def scenario(

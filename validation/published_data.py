@@ -13,8 +13,8 @@ class MissingDataError(Exception):
     """A case needs a file of published measurements that is not there."""
 
 
-def data_file(name: str, doi: str) -> Path:
-    """Return the path of a file below the folder of measurements; doi: where it was published.
+def data_file(name: str, source: str) -> Path:
+    """Return the path of a file below the folder of measurements; source: where it was published, such as `doi:10.1/2`.
 
     Raises MissingDataError if the variable is not set or the file does not exist.
     """
@@ -22,5 +22,5 @@ def data_file(name: str, doi: str) -> Path:
     path = Path(folder or ".") / name
     if not folder or not path.is_file():
         place = f"{folder} has no {name}" if folder else f"{VARIABLE} is not set"
-        raise MissingDataError(f"{place}; needed is {name} of doi:{doi} in the folder that {VARIABLE} names")
+        raise MissingDataError(f"{place}; needed is {name} of {source} in the folder that {VARIABLE} names")
     return path

@@ -225,7 +225,7 @@ def scatter(quantity: str, measured: np.ndarray, computed: np.ndarray) -> Curve:
 @cache
 def measurement() -> pd.DataFrame:
     """Return the prepared measurement of the data folder."""
-    return prepared(data_file(FILE, DOI))
+    return prepared(data_file(FILE, f"doi:{DOI}"))
 
 
 def compared(airs: int, cell: float, rise: float = RISE, frozen: bool = False) -> Results:

@@ -53,7 +53,7 @@ GROUPS = (
         "Measured rooms and plumes",
         "Air and gas measured by others in rooms, channels and wind tunnels. More of them: "
         "[The papers again](experiments.md).",
-        r"annex20|backward_step|helium_box|tunnel_plume|red_vapor|orebro|bouts_distance|sensor_records|room_air",
+        r"annex20|backward_step|helium_box|tunnel_plume|red_vapor|plume_edge|open_path|orebro|bouts_distance|sensor_records|room_air",
     ),
 )
 """Title, introduction, and a pattern of the names of its cases."""
