@@ -11,7 +11,6 @@ import pytest
 SEQUENCE = """
 import json, sys
 import numpy as np
-import pytest
 from taichi_plume.validation.benchmark.gpu_rows import counting
 with counting(sys.argv[1]) as count:
     import gpu_sequence as kernels
@@ -32,8 +31,6 @@ names = "launches", "tasks", "waits", "synchronisations", "numbers", "arrays", "
 print(json.dumps({name: getattr(count, name) for name in names} | {"total": total}))
 """
 KERNELS = """
-import numpy as np
-import pytest
 from taichi_plume.engine import ti
 from taichi_plume.engine.kernels import kernel
 from taichi_plume.grid.kernels import Template
