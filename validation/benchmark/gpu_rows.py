@@ -7,24 +7,38 @@ of the package, it can measure checkouts older than itself.
 import ctypes
 import json
 import os
+import platform
 import re
+import signal
+import subprocess
 import sys
 import tempfile
+import threading
+import time
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from math import prod
+from pathlib import Path
 from typing import Any
+
+import numpy as np
+import psutil
+
+import taichi_plume
+from taichi_plume.engine import program, ti
+from taichi_plume.engine.kernels import kernel
+from taichi_plume.grid.kernels import Template
 
 Figures = dict[str, Any]
 Options = dict[str, Any]
-SHAPES = {"48k": (80, 60, 10), "750k": (200, 150, 25), "6M": (400, 300, 50), "20M": (600, 450, 75)}
-"""Numbers of cells of the arena along its axes."""
+Note = Callable[[Figures], None]
+"""Function that prints figures."""
 
 
 def library() -> Any:
     """Return the module of the engine, Taichi or Quadrants."""
-    import_module("taichi_plume")  # keeps Taichi from the network
     return import_module(os.environ.get("TAICHI_PLUME_ENGINE") or "taichi")
 
 
@@ -185,14 +199,15 @@ def counting(arch: str) -> Iterator[Count]:
 _COUNTED = ("create_kernel", "compile_kernel", "launch_kernel", "synchronize")
 
 
-def _arena(shape: tuple[int, ...], note: Callable[[Figures], None]) -> tuple[Any, Callable[[], float]]:
+def _arena(shape: tuple[int, ...], note: Note) -> tuple[Any, Callable[[], float]]:
     """Return the flow solver and the step function of the arena, without obstacles where these do not compile."""
-    steps = import_module("taichi_plume.validation.benchmark.steps")
+    from taichi_plume.validation.benchmark.steps import arena_step
+
     try:
-        return steps.arena_step(shape, True)
+        return arena_step(shape, True)
     except RuntimeError as error:
         note({"obstacles": False, "why": f"{error}"[:160]})
-        return steps.arena_step(shape, False)
+        return arena_step(shape, False)
 
 
 def _total_iterations(flow: Any) -> Callable[[], int]:
@@ -214,19 +229,18 @@ def _total_iterations(flow: Any) -> Callable[[], int]:
     return since
 
 
-def counts(options: Options, note: Callable[[Figures], None]) -> Figures:
+def counts(options: Options, note: Note) -> Figures:
     """Return the launches, tasks and waits of a step of flow and gas in the arena, and the time by kernel."""
     with counting(options["arch"]) as count:
-        ti = library()
-        import_module("taichi_plume.engine.program").start(options["arch"])
-        flow, step = _arena(tuple(options.get("shape") or SHAPES["48k"]), note)
+        program.start(options["arch"])
+        flow, step = _arena(tuple(options["shape"]), note)
         iterations = _total_iterations(flow)
         for _ in range(3):
             step()
         ti.sync()
         iterations()
         count.clear()
-        n = options.get("steps", 5)
+        n = options["steps"]
         for _ in range(n):
             step()
         launches, waits = count.launches / n, count.waits / n  # without those below
@@ -249,17 +263,277 @@ def counts(options: Options, note: Callable[[Figures], None]) -> Figures:
     }
 
 
-ROWS: dict[str, Callable[[Options, Callable[[Figures], None]], Figures]] = {"counts": counts}
+# ---------------------------------------------------------------- the device
+
+
+@kernel
+def _copy(a: Template, b: Template):
+    for n in range(b.shape[0]):
+        a[n] = b[n]
+
+
+@kernel
+def _first(a: Template) -> ti.f32:
+    return a[0]
+
+
+ENTRIES = {"cuda": 1 << 28, "cpu": 1 << 24}
+"""Numbers that the copy moves, 4 bytes each, read and written; 2^26 on other devices."""
+
+
+def copy_bandwidth(arch: str) -> float:
+    """Return the rate [GB/s] of a kernel that copies a field, reads and writes together."""
+    a, b = (ti.field(ti.f32, ENTRIES.get(arch, 1 << 26)) for _ in range(2))
+    return 8e-9 * b.shape[0] / _seconds(lambda: _copy(a, b), 10)
+
+
+def _seconds(work: Callable[[], Any], times: int) -> float:
+    """Return the time of a call of `work` [s], of several between two synchronisations; the least of three."""
+    work()
+    ti.sync()
+    spent = []
+    for _ in range(3):
+        begin = time.perf_counter()
+        for _ in range(times):
+            work()
+        ti.sync()
+        spent.append((time.perf_counter() - begin) / times)
+    return min(spent)
+
+
+def device(options: Options, note: Note) -> Figures:
+    """Return the device, its copy bandwidth, and the prices of a launch, a read-back and a synchronisation."""
+    arch = options["arch"]
+    note(_machine(Path(options["checkout"])))
+    program.start(arch)
+    note({"copy GB/s": copy_bandwidth(arch)})
+    a, b = (ti.field(ti.f32, 32) for _ in range(2))
+
+    def launch_and_wait() -> None:
+        _copy(a, b)
+        ti.sync()
+
+    launch = 1e6 * _seconds(lambda: _copy(a, b), 1000)
+    return {
+        "us per launch": launch,
+        "us per launch with read-back": 1e6 * _seconds(lambda: _first(a), 200),
+        "us per launch with synchronisation": 1e6 * _seconds(launch_and_wait, 200),
+    }
+
+
+def _machine(checkout: Path) -> Figures:
+    """Return the names of the machine's parts and the versions."""
+
+    def reported(*command: str) -> str:
+        try:
+            return subprocess.run(command, capture_output=True, text=True, timeout=20).stdout.strip()
+        except (OSError, subprocess.TimeoutExpired):
+            return ""
+
+    card = reported("nvidia-smi", "--query-gpu=name,driver_version,memory.total", "--format=csv,noheader")
+    engine = library()
+    return {
+        "card, driver, memory": card or "none that nvidia-smi knows",
+        "processor": f"{os.cpu_count()} x {platform.processor() or platform.machine()}",
+        "engine": f"{engine.__name__} {'.'.join(map(str, engine.__version__))}",
+        "Python": platform.python_version(),
+        "NumPy": np.__version__,
+        "taichi_plume": f"{taichi_plume.__version__} {reported('git', '-C', str(checkout), 'describe', '--always')}",
+    }
+
+
+# ---------------------------------------------------------------- steps
+
+BYTES_PER_CELL = 600
+"""Memory that a step of flow and gas needs at most, per cell, for fields and their preparation on the host."""
+VALUES, VALUES_OF_ITERATION = 110, 45
+"""Numbers of 4 bytes that a step moves per cell at least, and an iteration of the pressure."""
+
+
+def steps(options: Options, note: Note) -> Figures:
+    """Return the speed of steps of flow and gas in the arena, and their share of the copy bandwidth."""
+    from taichi_plume.validation.benchmark import steps as case
+
+    arch, shape = options["arch"], tuple(options["shape"])
+    needed, free = BYTES_PER_CELL * prod(shape), psutil.virtual_memory().available
+    if needed > free:
+        raise MemoryError(
+            f"{prod(shape):,} cells need about {needed / 1e9:.1f} GB, {free / 1e9:.1f} GB are free"
+        )
+    iterations: list[int] = []
+
+    def assembled() -> tuple[Any, Callable[[], float]]:
+        flow, step = _arena(shape, note)
+        since = _total_iterations(flow)
+
+        def counted() -> float:
+            dt = step()
+            iterations.append(since())
+            return dt
+
+        return flow, counted
+
+    case.CASES["arena"] = assembled
+    case.bandwidth = lambda: 0.0  # of the host
+    row = case.measure("arena", arch, options["seconds"])
+    steady = float(np.mean(iterations[11:]))  # without the first steps, as in `measure`
+    figures = {
+        "M cell-steps/s": row.Mcell_steps_per_s,
+        "ms/step": row.ms_per_step,
+        "cells": row.cells,
+        "iterations": steady,
+        "s for the first step": row.first_step_s,
+    }
+    note(figures)
+    rate = 4e-9 * row.cells * (VALUES + VALUES_OF_ITERATION * steady) / (1e-3 * row.ms_per_step)
+    copy = copy_bandwidth(arch)
+    return {"GB/s": rate, "copy GB/s": copy, "% of the copy bandwidth": 100 * rate / copy}
+
+
+# ---------------------------------------------------------------- scenarios, robots, environments
+
+
+def scenario(options: Options, note: Note) -> Figures:
+    """Return the simulated seconds per second of a scenario, with maps, without a recording."""
+    from taichi_plume.validation.benchmark import clock_rows
+
+    values = clock_rows.scenario(
+        Path(options["checkout"]),
+        options["arch"],
+        options["config"],
+        tuple(options["span"]),
+        "--no-recording",
+        *(word for setting in options["set"] for word in ("--set", setting)),
+    )
+    keys = "ms/step", "steps/s", "M cell-steps/s"
+    return {"simulated s/s": 1.0 / values["s/s"], **{key: values[key] for key in keys}}
+
+
+def robots(options: Options, note: Note) -> Figures:
+    """Return the speed of robots in gas that stands still."""
+    from taichi_plume.validation.benchmark import clock_rows
+
+    return clock_rows.robots(options["arch"], options["robots"])
+
+
+def beside_air(options: Options, note: Note) -> Figures:
+    """Return the cost of robots beside the air of a scenario: its speed without robots, and with `robots` of them."""
+    without = scenario(options | {"set": ["maps=[]", "robots=[]", *options["set"]]}, note)
+    note({"ms/step without": without["ms/step"]})
+    crowd = ["maps=[]", "robots[0].count=1", f"robots[0].trials={options['robots']}", *options["set"]]
+    with_robots = scenario(options | {"set": crowd}, note)
+    more = with_robots["ms/step"] / without["ms/step"] - 1.0
+    return {"ms/step with": with_robots["ms/step"], "% more": 100 * more}
+
+
+def environments(options: Options, note: Note) -> Figures:
+    """Return the steps per second of environments that play films."""
+    from taichi_plume.envs.episodes import Episodes
+    from taichi_plume.scenario.loading import scenario_from
+    from taichi_plume.validation.benchmark import envs
+
+    program.start(options["arch"])
+    episodes = Episodes(scenario_from(envs.TASK), count=options["count"], bank=envs.films())
+    rate, cpu = envs.rate(episodes, options["seconds"])
+    return {"M environment steps/s": 1e-6 * rate, "us of CPU": 1e6 * cpu}
+
+
+# ---------------------------------------------------------------- agreement and tests
+
+TOLERANCE = 0.02
+"""Largest allowed difference between device and CPU, over the largest value."""
+
+
+def agreement(options: Options, note: Note) -> Figures:
+    """Return the largest differences of small runs on the device from the same on the CPU, over the largest value."""
+    there, here = (
+        {**_flow_and_gas(arch, options["steps"], note), "readings": _readings(arch, options["robots"])}
+        for arch in (options["arch"], "cpu")
+    )
+    figures = {}
+    for name, values in here.items():
+        figures[name] = float(np.abs(there[name] - values).max() / np.abs(values).max())
+    agrees = all(value <= TOLERANCE for value in figures.values())
+    return figures | {"allowed": TOLERANCE, "verdict": "agree" if agrees else "DIFFER"}
+
+
+def _flow_and_gas(arch: str, count: int, note: Note) -> dict[str, np.ndarray]:
+    """Return velocity, pressure and concentration after steps of 0.03 s in the arena with cells of 10 cm."""
+    from taichi_plume.validation.benchmark.steps import arena_flow
+
+    program.start(arch)
+    flow, gas, _ = arena_flow((40, 30, 8), False)
+    for _ in range(count):
+        flow.advance(0.0, 0.03)
+        gas.advance(0.0, 0.03)
+    u = np.concatenate([flow.grid.inner(field.to_numpy()).ravel() for field in flow.u])
+    return {"u": u, "p": flow.grid.inner(flow.p.to_numpy()), "c": flow.grid.inner(gas.c.to_numpy())}
+
+
+def _readings(arch: str, count: int) -> np.ndarray:
+    """Return the readings of robots after ten ticks."""
+    from taichi_plume.validation.benchmark.robots import TICK, crowd
+
+    program.start(arch)
+    gas, wind, swarm, sensors, team = crowd("casting", count)
+    for tick in range(1, 11):
+        sensors.measure(gas, wind, tick, tick * TICK)
+        team.act(tick, tick * TICK, TICK)
+        swarm.move(tick, tick * TICK, TICK)
+    return swarm.reading.to_numpy()
+
+
+def tests(options: Options, note: Note) -> Figures:
+    """Return the summary of the tests of solvers, grid and agents, and the names of those that fail."""
+    checkout = Path(options["checkout"])
+    folders = [f"tests/{name}" for name in options["tests"]]
+    if not (checkout / "tests").is_dir():
+        raise RuntimeError(f"{checkout} has no tests: run the command in a checkout")
+    workers = str(min(12, os.cpu_count() or 1))
+    command = [sys.executable, "-m", "pytest", *folders, "--arch", options["arch"], "-n", workers, "-q"]
+    command += ["--tb=line", "-rfE", "--maxfail=60", "-p", "no:cacheprovider"]
+    process = subprocess.Popen(
+        command, cwd=checkout, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    watch = threading.Timer(
+        options["limit"] - 15.0, process.send_signal, [signal.SIGINT]
+    )  # pytest then summarises
+    watch.start()
+    lines = process.communicate()[0].splitlines()
+    cut = not watch.is_alive()
+    watch.cancel()
+    failed = [line.partition(" ")[2] for line in lines if line.startswith(("FAILED", "ERROR"))]
+    summary = next((line for line in reversed(lines) if " in " in line), lines[-1] if lines else "")
+    return {"summary": summary.strip("= ") + " (cut off)" * cut, "failed": failed}
+
+
+ROWS: dict[str, Callable[[Options, Note], Figures]] = {
+    "device": device,
+    "steps": steps,
+    "counts": counts,
+    "scenario": scenario,
+    "robots": robots,
+    "beside_air": beside_air,
+    "environments": environments,
+    "agreement": agreement,
+    "tests": tests,
+}
+"""Kinds of rows."""
 
 
 def main(options: Options) -> None:
-    """Measure the row that the options name and print its figures."""
+    """Measure a row of the kind in the options, and print its figures, each as soon as known."""
     shown = os.fdopen(os.dup(1), "w")
 
     def note(figures: Figures) -> None:
         print(json.dumps(figures), file=shown, flush=True)
 
-    note(ROWS[options["row"]](options, note))
+    try:
+        note(ROWS[options["kind"]](options, note))
+    except Exception as error:
+        traceback.print_exc()
+        note({"error": f"{type(error).__name__}: {error}"[:300]})
+        sys.exit(1)
 
 
 if __name__ == "__main__":
