@@ -323,31 +323,41 @@ def device(options: Options, note: Note) -> Figures:
 
 def _machine(checkout: Path) -> Figures:
     """Return the names of the machine's parts and the versions."""
-
-    def reported(*command: str) -> str:
-        try:
-            return subprocess.run(command, capture_output=True, text=True, timeout=20).stdout.strip()
-        except (OSError, subprocess.TimeoutExpired):
-            return ""
-
-    card = reported("nvidia-smi", "--query-gpu=name,driver_version,memory.total", "--format=csv,noheader")
     engine = library()
     return {
-        "card, driver, memory": card or "none that nvidia-smi knows",
+        "card, driver, memory": _card("name,driver_version,memory.total") or "none that nvidia-smi knows",
         "processor": f"{os.cpu_count()} x {platform.processor() or platform.machine()}",
         "engine": f"{engine.__name__} {'.'.join(map(str, engine.__version__))}",
         "Python": platform.python_version(),
         "NumPy": np.__version__,
-        "taichi_plume": f"{taichi_plume.__version__} {reported('git', '-C', str(checkout), 'describe', '--always')}",
+        "taichi_plume": f"{taichi_plume.__version__} {_reported('git', '-C', str(checkout), 'describe', '--always')}",
     }
+
+
+def _card(properties: str) -> str:
+    """Return properties of the first NVIDIA card, empty without one."""
+    return _reported("nvidia-smi", f"--query-gpu={properties}", "--format=csv,noheader", "--id=0")
+
+
+def _reported(*command: str) -> str:
+    """Return the output of a command, empty if it cannot be executed."""
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=20)
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return "" if done.returncode else done.stdout.strip()
 
 
 # ---------------------------------------------------------------- steps
 
 BYTES_PER_CELL = 600
 """Memory that a step of flow and gas needs at most, per cell, for fields and their preparation on the host."""
-VALUES, VALUES_OF_ITERATION = 110, 45
-"""Numbers of 4 bytes that a step moves per cell at least, and an iteration of the pressure."""
+VALUES, VALUES_OF_ITERATION = 180, 60
+"""Numbers of 4 bytes that a step of flow and gas moves per cell without its pressure iterations, and an iteration.
+
+Each field that a pass over the cells reads or writes is counted once, as if all neighbours came from the cache: 110 of
+the flow, 70 of the gas; 20 of an iteration of conjugate gradients, 40 of a V-cycle (35 on the finest level).
+"""
 
 
 def steps(options: Options, note: Note) -> Figures:
@@ -356,6 +366,8 @@ def steps(options: Options, note: Note) -> Figures:
 
     arch, shape = options["arch"], tuple(options["shape"])
     needed, free = BYTES_PER_CELL * prod(shape), psutil.virtual_memory().available
+    if arch == "cuda" and (of_card := _card("memory.free").split()):  # in MiB
+        free = min(free, int(of_card[0]) << 20)
     if needed > free:
         raise MemoryError(
             f"{prod(shape):,} cells need about {needed / 1e9:.1f} GB, {free / 1e9:.1f} GB are free"
@@ -440,47 +452,69 @@ def environments(options: Options, note: Note) -> Figures:
 
 # ---------------------------------------------------------------- agreement and tests
 
-TOLERANCE = 0.02
-"""Largest allowed difference between device and CPU, over the largest value."""
+TOLERANCE = 1e-3
+"""Largest allowed difference between device and CPU, over the largest value: rounding makes 1e-5 (Vulkan, lavapipe)."""
 
 
 def agreement(options: Options, note: Note) -> Figures:
-    """Return the largest differences of small runs on the device from the same on the CPU, over the largest value."""
-    there, here = (
-        {**_flow_and_gas(arch, options["steps"], note), "readings": _readings(arch, options["robots"])}
-        for arch in (options["arch"], "cpu")
-    )
-    figures = {}
-    for name, values in here.items():
-        figures[name] = float(np.abs(there[name] - values).max() / np.abs(values).max())
-    agrees = all(value <= TOLERANCE for value in figures.values())
-    return figures | {"allowed": TOLERANCE, "verdict": "agree" if agrees else "DIFFER"}
+    """Return the largest differences of small runs on the device from the same on the CPU, over the largest value.
+
+    Each run has its own process, as Taichi crashes after a change from Vulkan to the CPU.
+    """
+    figures: Figures = {}
+    agrees = True
+    with tempfile.TemporaryDirectory() as folder:
+        for run in SMALL_RUNS:
+            values = []
+            for arch in (options["arch"], "cpu"):
+                more = {"kind": "small_run", "run": run, "arch": arch, "file": f"{folder}/{run}_{arch}.npz"}
+                command = [sys.executable, "-P", __file__, json.dumps(options | more)]
+                if code := subprocess.run(command, stdout=subprocess.DEVNULL).returncode:
+                    raise RuntimeError(f"{run} on {arch}: exit code {code}")
+                values.append(dict(np.load(more["file"])))
+            for name, here in values[1].items():
+                figures[name] = float(np.abs(values[0][name] - here).max() / np.abs(here).max())
+                agrees &= figures[name] <= TOLERANCE
+            note(figures | {"allowed": TOLERANCE, "verdict": "agree" if agrees else "DIFFER"})
+    return {}
 
 
-def _flow_and_gas(arch: str, count: int, note: Note) -> dict[str, np.ndarray]:
-    """Return velocity, pressure and concentration after steps of 0.03 s in the arena with cells of 10 cm."""
+def small_run(options: Options, note: Note) -> Figures:
+    """Write the results of a small run to a file."""
+    program.start(options["arch"])
+    np.savez(options["file"], **SMALL_RUNS[options["run"]](options))
+    return {}
+
+
+def _flow_and_gas(options: Options) -> dict[str, np.ndarray]:
+    """Return velocity, pressure and concentration of the arena, in cells of 10 cm, after steps of 0.03 s."""
     from taichi_plume.validation.benchmark.steps import arena_flow
 
-    program.start(arch)
     flow, gas, _ = arena_flow((40, 30, 8), False)
-    for _ in range(count):
+    for _ in range(options["steps"]):
         flow.advance(0.0, 0.03)
         gas.advance(0.0, 0.03)
-    u = np.concatenate([flow.grid.inner(field.to_numpy()).ravel() for field in flow.u])
-    return {"u": u, "p": flow.grid.inner(flow.p.to_numpy()), "c": flow.grid.inner(gas.c.to_numpy())}
+    u = [flow.grid.inner(field.to_numpy()).ravel() for field in flow.u]
+    return {
+        "u": np.concatenate(u),
+        "p": flow.grid.inner(flow.p.to_numpy()),
+        "c": flow.grid.inner(gas.c.to_numpy()),
+    }
 
 
-def _readings(arch: str, count: int) -> np.ndarray:
+def _readings(options: Options) -> dict[str, np.ndarray]:
     """Return the readings of robots after ten ticks."""
     from taichi_plume.validation.benchmark.robots import TICK, crowd
 
-    program.start(arch)
-    gas, wind, swarm, sensors, team = crowd("casting", count)
+    gas, wind, swarm, sensors, team = crowd("casting", options["robots"])
     for tick in range(1, 11):
         sensors.measure(gas, wind, tick, tick * TICK)
         team.act(tick, tick * TICK, TICK)
         swarm.move(tick, tick * TICK, TICK)
-    return swarm.reading.to_numpy()
+    return {"readings": swarm.reading.to_numpy()}
+
+
+SMALL_RUNS = {"flow and gas": _flow_and_gas, "robots": _readings}
 
 
 def tests(options: Options, note: Note) -> Figures:
@@ -516,6 +550,7 @@ ROWS: dict[str, Callable[[Options, Note], Figures]] = {
     "beside_air": beside_air,
     "environments": environments,
     "agreement": agreement,
+    "small_run": small_run,
     "tests": tests,
 }
 """Kinds of rows."""
