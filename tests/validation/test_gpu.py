@@ -124,5 +124,5 @@ def test_rows_of_small_size_are_measured(monkeypatch, tmp_path):
     assert found["robots"]["M robot-steps/s"] > 0.0
     assert found["environments"]["M environment steps/s"] > 0.0
     assert [found["agreement"][name] for name in ("u", "p", "c", "readings")] == [0.0] * 4
-    assert "passed" in found["tests"]["summary"]
+    assert " passed in " in found["tests"]["summary"]
     assert found["tests"]["failed"] == []

@@ -79,7 +79,7 @@ ROWS: dict[str, Row] = {
         {"config": "arena_3d", "span": (2.0, 6.0), "robots": 1000, "set": ["warm_up=1.0"]},
         "no cost",
     ),
-    "agreement": Row("differences from the CPU", "agreement", 60.0, {"steps": 30, "robots": 1000}),
+    "agreement": Row("differences from the CPU", "agreement", 100.0, {"steps": 30, "robots": 1000}),
     "robots_1e5": Row("100,000 robots", "robots", 40.0, {"robots": 100_000}),
     "environments_4096": _environments(4096),
     "steps_20M": _steps((600, 450, 75)),

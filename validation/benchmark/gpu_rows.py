@@ -475,14 +475,15 @@ def agreement(options: Options, note: Note) -> Figures:
             for name, here in values[1].items():
                 figures[name] = float(np.abs(values[0][name] - here).max() / np.abs(here).max())
                 agrees &= figures[name] <= TOLERANCE
-            note(figures | {"allowed": TOLERANCE, "verdict": "agree" if agrees else "DIFFER"})
-    return {}
+            note(figures)
+    return {"allowed": TOLERANCE, "verdict": "agree" if agrees else "DIFFER"}
 
 
 def small_run(options: Options, note: Note) -> Figures:
     """Write the results of a small run to a file."""
     program.start(options["arch"])
-    np.savez(options["file"], **SMALL_RUNS[options["run"]](options))
+    results: Any = SMALL_RUNS[options["run"]](options)
+    np.savez(options["file"], **results)
     return {}
 
 
@@ -524,7 +525,7 @@ def tests(options: Options, note: Note) -> Figures:
     if not (checkout / "tests").is_dir():
         raise RuntimeError(f"{checkout} has no tests: run the command in a checkout")
     workers = str(min(12, os.cpu_count() or 1))
-    command = [sys.executable, "-m", "pytest", *folders, "--arch", options["arch"], "-n", workers, "-q"]
+    command = [sys.executable, "-m", "pytest", *folders, "--arch", options["arch"], "-n", workers]
     command += ["--tb=line", "-rfE", "--maxfail=60", "-p", "no:cacheprovider"]
     process = subprocess.Popen(
         command, cwd=checkout, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
