@@ -51,7 +51,7 @@ def _steps(shape: tuple[int, int, int], target: str = "") -> Row:
 
 def _counts(shape: tuple[int, int, int]) -> Row:
     cells = shape[0] * shape[1] * shape[2]
-    return Row(f"launches of a step, {cells:,} cells", "counts", 60.0, {"shape": shape, "steps": 20})
+    return Row(f"launches of a step, {cells:,} cells", "counts", 90.0, {"shape": shape, "steps": 20})
 
 
 def _scenario(about: str, config: str, span: tuple[float, float], *settings: str) -> Row:
@@ -209,12 +209,12 @@ def _lines(name: str, figures: Figures, took: float) -> list[str]:
 def _text(figures: Figures) -> str:
     """Return figures in a line."""
 
-    def one(key: str, value: Any) -> str:
+    def phrase(key: str, value: Any) -> str:
         if isinstance(value, bool) or not isinstance(value, int | float):
             return f"{key}: {value}"
         return f"{value:,} {key}" if isinstance(value, int) else f"{value:.3g} {key}"
 
-    return ", ".join(one(*item) for item in figures.items() if not isinstance(item[1], dict | list))
+    return ", ".join(phrase(*item) for item in figures.items() if not isinstance(item[1], dict | list))
 
 
 def table(results: dict[str, Figures]) -> list[str]:
