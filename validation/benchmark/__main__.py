@@ -6,13 +6,14 @@
     python -m taichi_plume.validation.benchmark studies WHAT [CONFIG]
     python -m taichi_plume.validation.benchmark envs [--count N]
     python -m taichi_plume.validation.benchmark live [--minutes M]
+    python -m taichi_plume.validation.benchmark gpu [--arch ARCH] [--minutes M]
 
 A step advances the flow with its eddy viscosity and one gas; puffs, robots and maps are measured separately. With
 --pressure, only the pressure is solved, in cubes of N³ cells with obstacles: iterations against N. Every figure is a
 rate on a machine that may be shared: compare the ratios to the bandwidth, and rates of one run with each other.
 Other benchmarks: `start` measures the first tick of a scenario, `clock` the wall times that users see, beside their
 targets. `studies` measures the worker of a study, `envs` the environments of learners, `live` the service for
-external robots. See start.py, clock.py, studies.py, envs.py and live.py.
+external robots, `gpu` all that concerns a GPU. See start.py, clock.py, studies.py, envs.py, live.py and gpu.py.
 """
 
 import json
@@ -27,6 +28,7 @@ from taichi_plume.validation.benchmark import (
     clock,
     dispersion,
     envs,
+    gpu,
     maps,
     pressure,
     puffs,
@@ -53,7 +55,14 @@ def _live(arguments: Sequence[str]) -> int:
     return live.main(list(arguments))
 
 
-OTHERS = {"start": start.main, "clock": clock.main, "studies": _studies, "envs": envs.main, "live": _live}
+OTHERS = {
+    "start": start.main,
+    "clock": clock.main,
+    "studies": _studies,
+    "envs": envs.main,
+    "live": _live,
+    "gpu": gpu.main,
+}
 OTHER_CASES: dict[str, Callable[[str], Sequence[Any]]] = {
     "puffs_step": lambda arch: puffs.step("puffs_step", arch, _arena_puffs),
     "puffs_query": lambda arch: [

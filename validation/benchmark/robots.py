@@ -15,6 +15,7 @@ from taichi_plume.grid.fields import Mixture
 from taichi_plume.scenario.algorithms import Algorithm
 from taichi_plume.scenario.robots import Group
 from taichi_plume.scenario.starts import StartAt
+from taichi_plume.solvers.flow import FlowSolver
 from taichi_plume.validation.setups import cfd, flow_on, gas_on
 
 TICK = 0.1  # s
@@ -45,11 +46,8 @@ class RobotTick:
         )
 
 
-def ticks(case: str, arch: str, algorithm: str, robots: int = 100_000) -> RobotTick:
-    """Return the cost of ticks of robots with MiCS-5524 sensors, spread over the empty arena (4 x 3 x 0.52 m, 4 cm
-    cells).
-    """
-    program.start(arch)
+def crowd(algorithm: str, robots: int) -> tuple[Mixture, FlowSolver, Swarm, Sensors, Team]:
+    """Return gas, wind, and robots with MiCS-5524 sensors, spread over the empty arena (4 x 3 x 0.52 m, 4 cm cells)."""
     wind = flow_on(cfd(OPENINGS), (100, 75, 13), 0.04)
     source = {"position": (0.6, 1.5, 0.1), "rate": 2e-5}
     gas = Mixture([gas_on(wind.grid, wind, sources=[source])])
@@ -63,7 +61,13 @@ def ticks(case: str, arch: str, algorithm: str, robots: int = 100_000) -> RobotT
     places = rng.uniform((0.2, 0.2), (3.8, 2.8), (robots, 2))
     arena = ClearanceMap([], wind.grid.extent, 0.15)
     swarm = Swarm((group,), places, rng.uniform(-3.0, 3.0, robots), arena, np.array([[0.6, 1.5]]), 1)
-    sensors, team = Sensors(swarm, 3, TICK, gas.species), Team(swarm, (0,), TICK)
+    return gas, wind, swarm, Sensors(swarm, 3, TICK, gas.species), Team(swarm, (0,), TICK)
+
+
+def ticks(case: str, arch: str, algorithm: str, robots: int = 100_000) -> RobotTick:
+    """Return the cost of ticks of a crowd of robots."""
+    program.start(arch)
+    gas, wind, swarm, sensors, team = crowd(algorithm, robots)
     parts = []
     cpu = 0.0
     for tick in range(1, WARM_UP + TICKS + 1):

@@ -13,6 +13,7 @@ import psutil
 from taichi_plume.engine import program, ti
 from taichi_plume.grid.blas import one_blas_thread
 from taichi_plume.solvers.flow import FlowSolver
+from taichi_plume.solvers.gas import EulerianSolver
 from taichi_plume.validation.arena import ARENA, arena
 from taichi_plume.validation.flow_cases import laminar_flow, periodic
 from taichi_plume.validation.setups import cfd, gas_on
@@ -63,8 +64,10 @@ def bandwidth(size: int = 1 << 24) -> float:
     return 5 * 4 * size / min(times) / 1e9
 
 
-def arena_step(shape: tuple[int, ...], obstacles: bool) -> tuple[FlowSolver, Callable[[], float]]:
-    """Return the flow solver, and a function that advances flow and gas by a step and returns dt [s]."""
+def arena_flow(
+    shape: tuple[int, ...], obstacles: bool
+) -> tuple[FlowSolver, EulerianSolver, Callable[[], float]]:
+    """Return the solvers of flow and gas, and a function that advances both by a step and returns dt [s]."""
     grid, air = arena(shape, obstacles)
     flow = FlowSolver(cfd(ARENA), grid, air)
     source = {"position": (0.6, 1.3, 0.1)[: len(shape)], "rate": 2e-5}
@@ -77,6 +80,12 @@ def arena_step(shape: tuple[int, ...], obstacles: bool) -> tuple[FlowSolver, Cal
         gas.advance(0.0, dt)
         return dt
 
+    return flow, gas, step
+
+
+def arena_step(shape: tuple[int, ...], obstacles: bool) -> tuple[FlowSolver, Callable[[], float]]:
+    """Return the flow solver, and a function that advances flow and gas by a step and returns dt [s]."""
+    flow, _, step = arena_flow(shape, obstacles)
     return flow, step
 
 
