@@ -147,8 +147,8 @@ class Multigrid(VCycle):
 
     @ti.kernel
     def _iterate(self, pieces: ti.i32, tolerance: ti.f32, limit: ti.i32):
-        """Step along p = x + beta p; `progress` tells whether the largest residual is above the tolerance. t, which
-        the V-cycle no longer needs, holds A x.
+        """Step along p = x + beta p; set `progress` by the largest residual and the tolerance. t, which the V-cycle no
+        longer needs, holds A x.
         """
         self._reduce(self._products, self._plus, pieces * self.progress[0], 0)
         ti.loop_config(serialize=ti.static(self.strips), block_dim=ti.static(block_size()))

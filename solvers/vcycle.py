@@ -11,7 +11,9 @@ from taichi_plume.grid.kernels import FEW_CELLS, STRIP, Template
 from taichi_plume.solvers.poisson import OpenFractions
 
 OMEGA = 0.8  # damping of the Jacobi sweeps
-COARSEST = 600  # largest number of cells solved by their dense inverse; with 64, u is 50 times as far from exact
+COARSEST = (
+    600  # largest number of cells solved by their dense inverse; with 64, u is 50 times as far from exact
+)
 BLOCK_CELLS = (
     16_000  # a level of fewer cells keeps a block of a GPU's threads no longer than its launches take
 )

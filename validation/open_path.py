@@ -40,7 +40,7 @@ import numpy as np
 
 from taichi_plume.assembly.assemble import assemble
 from taichi_plume.validation import agreement
-from taichi_plume.validation.case import Curve, Keys
+from taichi_plume.validation.case import Comparison, Curve, Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Mean, Range, Results
 from taichi_plume.validation.published_data import data_file
 from taichi_plume.validation.searches import scenario_of
@@ -372,6 +372,7 @@ CASES = (
         trials=1,
         test_trials=0,
         discussion=DISCUSSION,
+        compared=(Comparison("mean concentration", STRENGTH),),
     ),
     Experiment(
         "open_path",
@@ -391,5 +392,6 @@ CASES = (
         evidence="measured",
         trials=1,
         test_trials=0,
+        compared=(Comparison("mean concentration", STRENGTH),),
     ),
 )

@@ -36,7 +36,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from taichi_plume.validation.case import Keys
+from taichi_plume.validation.case import Comparison, Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Lines, Mean, Range, Results, over_airs
 from taichi_plume.validation.published_data import data_file
 from taichi_plume.validation.searches import probed
@@ -310,6 +310,13 @@ CASES = (
         trials=3,
         test_trials=0,
         discussion=DISCUSSION,
+        compared=(
+            Comparison("mean concentration", "mean over that at 16.1 mm, 18.5 mm"),
+            Comparison(
+                "concentration fluctuation",
+                "c'/C, .*|share of time with dye, 18.5 mm|correlation of v and c, .*",
+            ),
+        ),
     ),
     Experiment(
         "plume_edge_records",
@@ -319,5 +326,6 @@ CASES = (
         evidence="measured",
         trials=1,
         test_trials=0,
+        compared="statistics of the files, with nothing computed beside them",
     ),
 )
