@@ -11,7 +11,7 @@ import numpy as np
 from taichi_plume.engine import device_loops, process, replacements  # noqa: F401  change how Taichi builds kernels
 from taichi_plume.engine.arguments import declare_array, setter_of
 from taichi_plume.engine.conditions import same
-from taichi_plume.engine.fields import KINDS, SLACK, ArrayField, on_cpu
+from taichi_plume.engine.fields import KINDS, SLACK, on_cpu
 from taichi_plume.engine.library import (
     AutodiffMode,
     KernelSyntaxError,
@@ -141,7 +141,8 @@ class Bound:
         ]
         self.returns = kernel.shell.return_type
         self.first = len(self.setters)
-        self.reusable = on_cpu()
+        self.fixed = tuple(self._fixed())
+        self.reusable = on_cpu()  # elsewhere a launch spoils its context
         self.context = self._context() if self.reusable else None
         self.last: list[Any] = [None] * self.first  # arguments of the last launch, which the context has
 
@@ -150,17 +151,25 @@ class Bound:
         """Whether Taichi has not been restarted, in a process that was not forked since."""
         return self.program is impl.get_runtime().prog and not process.forked
 
+    def _fixed(self) -> Iterator[tuple[Any, ...]]:
+        """Yield the functions that set the arguments that stay, each with its own arguments after the context."""
+        kind = core.KernelLaunchContext
+        for n, (value, setter) in enumerate(self.extra, self.first):
+            if setter == "field" and value.flat is None:
+                yield kind.set_arg_ndarray, argument_index(n), value.device.arr
+            elif setter == "field":
+                yield kind.set_struct_arg_int, (n, 0, 0), len(value.flat) + SLACK
+                yield kind.set_struct_arg_uint, (n, 1), value.flat.ctypes.data
+            elif setter.startswith("struct_"):
+                put = getattr(kind, f"set_struct_arg_{setter.removeprefix('struct_')}")
+                yield from ((put, (n, k), number) for k, number in enumerate(value))
+            else:
+                yield getattr(kind, f"set_arg_{setter}"), argument_index(n), value
+
     def _context(self) -> Any:
         context = launch_context(self.instance.traced)
-        for n, (value, setter) in enumerate(self.extra, self.first):
-            if setter == "field":
-                _put_field(context, n, value)
-            elif setter.startswith("struct_"):
-                put = getattr(context, f"set_struct_arg_{setter.removeprefix('struct_')}")
-                for k, number in enumerate(value):
-                    put((n, k), number)
-            else:
-                getattr(context, f"set_arg_{setter}")(argument_index(n), value)
+        for put, index, value in self.fixed:
+            put(context, index, value)
         return context
 
     def __call__(self, *arguments: Any) -> Any:
@@ -178,15 +187,6 @@ class Bound:
                 taichi.sync()
             return self.kernel.shell.construct_kernel_ret(context, self.returns[0], (0,))
         return None
-
-
-def _put_field(context: Any, n: int, field: ArrayField) -> None:
-    index = argument_index(n)
-    if field.flat is None:
-        context.set_arg_ndarray(index, field.device.arr)
-    else:
-        context.set_struct_arg_int((n, 0, 0), len(field.flat) + SLACK)
-        context.set_struct_arg_uint((n, 1), field.flat.ctypes.data)
 
 
 def _put_array(context: Any, index: Any, value: Any) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_plume.engine.arguments import Loaded, declare_array, declare_field, setter_of
+from taichi_plume.engine.arguments import Loaded, Table, declare_array, declare_field, setter_of
 from taichi_plume.engine.conditions import (
     Calls,
     Equal,
@@ -38,7 +38,7 @@ from taichi_plume.engine.conditions import (
     same,
     truth_of,
 )
-from taichi_plume.engine.fields import ArrayField
+from taichi_plume.engine.fields import ArrayField, on_cpu
 from taichi_plume.engine.library import AnyArray, Expr, Matrix, impl, load, make_matrix, mark_function, taichi
 
 
@@ -58,6 +58,7 @@ class Trace:
         self.arguments: dict[Any, tuple[Expr | AnyArray, Callable[[Values], Any], str]] = {}
         self.numbers: dict[Any, Any] = {}
         self.loaded: dict[str, Loaded] = {}
+        self.tables: dict[Any, Table] = {}
         self.first_layouts: dict[int, int] = {}
         self.keep: list[Any] = []  # so that identities stay unique during the trace
 
@@ -130,6 +131,8 @@ class Trace:
             loaded = self.loaded.get(str(dtype))
             if loaded is not None and len(loaded.members) < len(loaded.variables):
                 self.numbers[place] = loaded.take(compute)
+            elif not on_cpu():
+                self.numbers[place] = self._table(dtype).take(compute)
             else:
                 argument = impl.get_runtime().compiling_callable.insert_scalar_param(
                     dtype, f"a{len(self.arguments)}"
@@ -137,6 +140,13 @@ class Trace:
                 self.numbers[place] = load(argument, dtype)
                 self.arguments[place] = self.numbers[place], compute, setter_of(dtype)
         return self.numbers[place].ptr
+
+    def _table(self, dtype: Any) -> Table:
+        place = ("table", str(dtype))
+        if place not in self.tables:
+            self.tables[place] = table = Table(dtype, f"t{len(self.arguments)}")
+            self.arguments[place] = table.array, table.compute, "field"
+        return self.tables[place]
 
     def load(self, dtype: Any, count: int) -> None:
         """Load so many numbers here, before it is known which they are."""
