@@ -131,7 +131,7 @@ class Trace:
             loaded = self.loaded.get(str(dtype))
             if loaded is not None and len(loaded.members) < len(loaded.variables):
                 self.numbers[place] = loaded.take(compute)
-            elif not on_cpu():
+            elif not on_cpu() and dtype in (taichi.i32, taichi.f32):  # Vulkan misplaces 64-bit fields
                 self.numbers[place] = self._table(dtype).take(compute)
             else:
                 argument = impl.get_runtime().compiling_callable.insert_scalar_param(
