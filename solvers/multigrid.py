@@ -147,6 +147,15 @@ class Multigrid(VCycle):
 
     @ti.kernel
     def _iterate(self, pieces: ti.i32, tolerance: ti.f32, limit: ti.i32):
+        self._step_along(pieces, tolerance, limit)
+
+    @ti.kernel
+    def _cycle_and_iterate(self, pieces: ti.i32, tolerance: ti.f32, limit: ti.i32):
+        self._cycle()
+        self._step_along(pieces, tolerance, limit)
+
+    @ti.func
+    def _step_along(self, pieces: Template, tolerance: Template, limit: Template):
         """Step along p = x + beta p; set `progress` by the largest residual and the tolerance. t, which the V-cycle no
         longer needs, holds A x.
         """
@@ -253,8 +262,11 @@ class Multigrid(VCycle):
         active = 1
         while active:
             for _ in range(ahead):
-                self._v_cycle()
-                self._iterate(pieces, tolerance, limit)
+                if self.strips:
+                    self._v_cycle()
+                    self._iterate(pieces, tolerance, limit)
+                else:  # a launch takes long on a GPU
+                    self._cycle_and_iterate(pieces, tolerance, limit)
             active, self.iterations = map(int, self.progress.values)
             ahead = 1
         self._earlier.append(self.iterations)

@@ -52,8 +52,8 @@ class VCycle:
         self.damped = ti.filled(damped)
         self.x, self.t, self.b = (ti.field(ti.f32, total) for _ in range(3))
         self.pieces = [n[1] * n[2] if self.strips else prod(n) for n in self.shapes]
-        single, last = FEW_CELLS if on_cpu() else BLOCK_CELLS, len(levels) - 1
-        self.threaded = next(k for k, n in enumerate(self.shapes) if prod(n) <= single or k == last)
+        single, self.last = FEW_CELLS if on_cpu() else BLOCK_CELLS, len(levels) - 1
+        self.threaded = next(k for k, n in enumerate(self.shapes) if prod(n) <= single or k == self.last)
         """First of the levels that a single thread solves, or on a GPU a block of threads."""
         self.progress = ti.filled([1, 0])
         """Whether the cycle is executed, 1 or 0, and the number of iterations, see `multigrid`."""
@@ -231,21 +231,29 @@ class VCycle:
 
     # ---- the V-cycle: large levels pass by pass, small ones in a single thread or, on a GPU, in a block of threads
 
-    @ti.kernel
-    def _down(self, level: ti.i32, pieces: ti.i32, coarse_pieces: ti.i32):
+    @ti.func
+    def _down_passes(self, level: Template, pieces: Template, coarse_pieces: Template):
         for piece in range(pieces * self.progress[0]):
             self._presmooth(level, piece)
         for piece in range(coarse_pieces * self.progress[0]):
             self._restrict(level, piece)
 
-    @ti.kernel
-    def _up(self, level: ti.i32, pieces: ti.i32):
+    @ti.func
+    def _up_passes(self, level: Template, pieces: Template):
         for piece in range(pieces * self.progress[0]):
             self._prolong(level, piece)
         for piece in range(pieces * self.progress[0]):
             self._smooth_into_t(level, piece)
         for piece in range(pieces * self.progress[0]):
             self._smooth_into_x(level, piece)
+
+    @ti.kernel
+    def _down(self, level: ti.i32, pieces: ti.i32, coarse_pieces: ti.i32):
+        self._down_passes(level, pieces, coarse_pieces)
+
+    @ti.kernel
+    def _up(self, level: ti.i32, pieces: ti.i32):
+        self._up_passes(level, pieces)
 
     @ti.func
     def _by_lane(self, run: Template, level, of_level, lane):
@@ -275,8 +283,8 @@ class VCycle:
             self.x[self.place[i]] = total
         ti.barrier()
 
-    @ti.kernel
-    def _coarse_levels(self, begin: ti.i32, end: ti.i32):
+    @ti.func
+    def _coarse_passes(self, begin: Template, end: Template):
         """Run the V-cycle from level `begin` to the dense inverse of level `end` and back."""
         ti.loop_config(serialize=ti.static(self.strips), block_dim=ti.static(block_size()))
         for lane in range(ti.static(block_size())):
@@ -290,9 +298,22 @@ class VCycle:
                 self._by_lane(self._smooth_into_t, level, level, lane)
                 self._by_lane(self._smooth_into_x, level, level, lane)
 
+    @ti.kernel
+    def _coarse_levels(self, begin: ti.i32, end: ti.i32):
+        self._coarse_passes(begin, end)
+
+    @ti.func
+    def _cycle(self):
+        """Run the V-cycle, all levels in one kernel."""
+        for k in ti.static(range(self.threaded)):
+            self._down_passes(k, self.pieces[k], self.pieces[k + 1])
+        self._coarse_passes(self.threaded, self.last)
+        for k in ti.static(range(self.threaded - 1, -1, -1)):
+            self._up_passes(k, self.pieces[k])
+
     def _v_cycle(self) -> None:
         for k in range(self.threaded):
             self._down(k, self.pieces[k], self.pieces[k + 1])
-        self._coarse_levels(self.threaded, len(self.shapes) - 1)
+        self._coarse_levels(self.threaded, self.last)
         for k in reversed(range(self.threaded)):
             self._up(k, self.pieces[k])
