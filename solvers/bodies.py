@@ -201,7 +201,8 @@ class MovingObstacle(Bodies):
     def advance(self, t: float, dt: float) -> None:
         before = np.array(self.motion.place(self.center, t))
         after = np.array(self.motion.place(self.center, t + dt))
-        self.place[0], self.velocity[0] = after, (after - before) / dt
+        self.place.from_numpy([after])
+        self.velocity.from_numpy([(after - before) / dt])
         self.pace[None] = 1.0 / dt
 
     def fastest(self, t: float) -> float:

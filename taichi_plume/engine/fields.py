@@ -24,6 +24,8 @@ LANES = 8
 """Cells that a loop computes in one vector instruction (f32 in 256 bits)."""
 SLACK = 4 * LANES
 """Entries behind the memory of a field, which vectorised loops may read."""
+MOST = 48
+"""Numbers up to which a few launches take less time than waiting for the device."""
 
 
 def on_cpu() -> bool:
@@ -70,6 +72,14 @@ class ArrayField:
             )
             self._device.fill(0)
             self._program = impl.get_runtime().prog
+            self._line = self._as_line()
+
+    def _as_line(self) -> "ArrayField":
+        """Return the memory as a field with one axis, whose kernels fit fields of any shape."""
+        line = object.__new__(ArrayField)
+        vars(line).update(vars(self), layout=Layout((self._count,)), shape=(self._count,), apart=False)
+        line.n = 0 if self.apart else self.n
+        return line
 
     @property
     def device(self) -> Any:
@@ -101,9 +111,19 @@ class ArrayField:
             return
         flat = np.zeros(self._memory, KINDS[self.dtype])
         self._shaped(flat[: self._count])[...] = values
-        self.device.from_numpy(flat)
+        if self._count * max(1, self._line.n) <= MOST and flat.itemsize >= 4:
+            from taichi_plume.engine.uploads import upload  # which imports this module
 
-    fill = from_numpy
+            upload(self._line, flat[: self._count])
+        else:
+            self.device.from_numpy(flat)
+
+    def fill(self, value: float) -> None:
+        """Set all values to a number."""
+        if self.flat is not None:
+            self.flat[...] = value
+        else:
+            self.device.fill(KINDS[self.dtype](value).item())
 
     def copy_from(self, other: "ArrayField") -> None:
         """Set the values to those of another field of the same kind and layout."""
@@ -117,8 +137,11 @@ class ArrayField:
         return value.item() if not isinstance(value, np.ndarray) else value
 
     def __setitem__(self, index: Any, value: Any) -> None:
+        if index is None:
+            self.from_numpy(value)
+            return
         values = self.values
-        values[() if index is None else index] = value
+        values[index] = value
         if self.flat is None:
             self.from_numpy(values)
 
