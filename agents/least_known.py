@@ -82,8 +82,8 @@ class LeastKnown(KernelAlgorithm):
         self.map.update(self.swarm, t, dt)
         self._ask()
         asks = self.asks.values.reshape(self.trials, self.count)
-        goal = self.goal.to_numpy().reshape(self.trials, self.count, 2)
         if asks.any() and len(self.places):
+            goal = self.goal.to_numpy().reshape(self.trials, self.count, 2)
             believed = self.swarm.believed_position.values
             place = believed[self.members.groups[0].slice].reshape(goal.shape)
             rows = slice(self.row, self.row + self.trials)

@@ -216,9 +216,11 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
 
     def all_over(self) -> bool:
         """Return whether all robots' searches have ended, by finding a source or by declaring one."""
-        found, declarations = (field.values[: self.count] for field in (self.found, self.declarations))
-        by_declaring = self._each(BODY["by_declaring"])[: self.count]
-        return bool(((found > 0) | ((by_declaring > 0) & (declarations > 0))).all())
+        over = self.found.values[: self.count] > 0
+        by_declaring = self._each(BODY["by_declaring"])[: self.count] > 0
+        if not over[~by_declaring].all():
+            return False
+        return bool(over.all()) or bool((over | (self.declarations.values[: self.count] > 0)).all())
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """Return arrays over the robots of all recorded columns, by key, and the robots' start positions [m]."""

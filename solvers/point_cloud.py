@@ -48,8 +48,9 @@ class PointCloud:
         counts = np.bincount(bins, minlength=prod(self.bins))
         self.first.from_numpy(np.concatenate([[0], np.cumsum(counts)]))
         for field, of_each in ((self.order, sort), (self.place, place[sort]), (self.value, value[sort])):
-            field.fill(0)
-            field[: len(sort)] = of_each
+            rows = np.zeros((self.capacity, *of_each.shape[1:]))
+            rows[: len(sort)] = of_each
+            field.from_numpy(rows)
 
     @ti.func
     def _bins(self, x: Template, d: Template):

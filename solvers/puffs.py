@@ -139,11 +139,9 @@ class PuffSolver(Gas):
     def _put(self, rows: np.ndarray, ages: np.ndarray, t: float, dt: float) -> None:
         """Add new puffs with these ages [s], and move all puffs to time t: old puffs by dt, new puffs by their ages."""
         count = self.puffs.count
-        if len(rows):
-            self._put_new(count, self._released, rows)
-            self._released += len(rows)
         steps = joint_update(np.concatenate([[dt], ages]), self.time, self.deviation)
-        self._move(count, len(rows), t, self.seed, self._step, steps.astype(np.float32))
+        self._move(count, self._released, t, self.seed, self._step, rows, steps.astype(np.float32))
+        self._released += len(rows)
         self.puffs.sort(count + len(rows))
         self._step += 1
 
@@ -202,17 +200,21 @@ class PuffSolver(Gas):
         return inside
 
     @ti.kernel
-    def _put_new(self, count: ti.i32, number: ti.i32, rows: ti.types.ndarray()):
+    def _move(
+        self,
+        count: ti.i32,
+        released: ti.i32,
+        t: float,
+        seed: ti.u32,
+        step: ti.i32,
+        rows: ti.types.ndarray(),
+        steps: ti.types.ndarray(),
+    ):
         for n in range(rows.shape[0]):
             for column in ti.static(range(len(self.puffs.now))):
                 self.puffs.now[column][count + n] = rows[n, column]
-            self.puffs.number[count + n] = number + n
-
-    @ti.kernel
-    def _move(
-        self, count: ti.i32, fresh: ti.i32, t: float, seed: ti.u32, step: ti.i32, steps: ti.types.ndarray()
-    ):
-        for k in range(count + fresh):
+            self.puffs.number[count + n] = released + n
+        for k in range(count + rows.shape[0]):
             row = ti.max(k - count + 1, 0)
             a, b, c = steps[row, 0], steps[row, 1], steps[row, 2]
             d, e, dt = steps[row, 3], steps[row, 4], steps[row, 5]
