@@ -11,9 +11,10 @@ from itertools import pairwise
 import numpy as np
 
 from taichi_plume.engine import ti
-from taichi_plume.engine.fields import Field
+from taichi_plume.engine.fields import Field, on_cpu
 from taichi_plume.grid.grid import Grid
 from taichi_plume.scenario.openings import Fan, FanCurve, Honeycomb, Inlet, MovingWall, Opening
+from taichi_plume.solvers.blowing import Blowing
 from taichi_plume.solvers.fans import CurvedFan
 from taichi_plume.solvers.inflow import Fluctuations
 from taichi_plume.solvers.openings import VENTS, JetPatch, Patch, patch_of
@@ -140,9 +141,19 @@ class Boundaries:
             for n, (p, o) in enumerate(zip(self.jets, self._openings, strict=True))
             if o.turbulence_intensity > 0
         }
+        if not on_cpu():
+            self._still = [ti.filled_vectors(target) for target in self._sliding_targets]
+            self._on_device = [self._on_faces(n) for n in range(len(self.jets))]
         self._peaks = [self._peak(n) for n in range(len(self.jets))]
         self._blown: list[float] | None = None
         self.update(-np.inf, 0.0)
+
+    def _on_faces(self, n: int) -> Blowing:
+        """Return the n-th jet as a GPU computes it."""
+        p = self.jets[n]
+        faces = self._face(np.moveaxis(np.indices(self.sides[p.axis]), 0, -1), p)[p.window]
+        rows = (values.reshape(-1, self.dim) for values in (faces, p.flow))
+        return Blowing(self.target[p.axis], *rows, self.noise.get(n))
 
     def _peak(self, n: int) -> float:
         """Return the ratio of jet n's largest velocity component, with swirl and turbulence, to its mean speed."""
@@ -214,6 +225,9 @@ class Boundaries:
         if speeds == self._blown and not self.noise and not slid:
             return
         self._blown = speeds
+        if not on_cpu():
+            self._set_on_device(speeds, dt, slid)
+            return
         for d in self._changing:
             self._targets[d][...] = self._sliding_targets[d]
         for n, (speed, (face, flow)) in enumerate(zip(speeds, self._blowing, strict=True)):
@@ -221,8 +235,22 @@ class Boundaries:
             if n in self.noise and speed != 0:
                 amplitude = self._openings[n].turbulence_intensity * abs(speed)
                 face += amplitude * self.noise[n].advance(speed, dt)
-        for d in self._changing:
-            self.target[d].from_numpy(self._targets[d])  # on a CPU both are the same memory
+
+    def _set_on_device(self, speeds: list[float], dt: float, slid: bool) -> None:
+        """Set the targets as `_set_targets` does, without waiting for the GPU unless a wall has another velocity."""
+        if slid:
+            for d in self._changing:
+                self._still[d].from_numpy(self._sliding_targets[d])
+        self._stop_jets()
+        for jet, opening, speed in zip(self._on_device, self._openings, speeds, strict=True):
+            jet.add(speed, opening.turbulence_intensity * abs(speed), dt)
+
+    @ti.kernel
+    def _stop_jets(self):
+        for d in ti.static(self._changing):
+            for I in ti.grouped(ti.ndrange(*self.target[d].shape)):
+                for c in ti.static(range(self.dim)):
+                    self.target[d][I][c] = self._still[d][I][c]
 
     def fastest(self, t: float) -> float:
         """Return the largest velocity component [m/s] that schedules prescribe between t and t + HORIZON [s]."""

@@ -29,6 +29,7 @@ PLANES = 8  # points per shortest wave, which keeps 99 % of its amplitude when i
 SCALES = 12  # number of trial values of k_L
 CARRIED = 4.0  # cells: shorter integral lengths become about as long
 WIDEST = 0.4  # integral length of the eddies in an opening, over its width
+PLANES_AT_ONCE = 4  # planes of a cubic
 LENGTHS = 12.0  # integral lengths from one box of waves to the next: blending them shortens those by 2 %
 
 
@@ -142,8 +143,8 @@ class Fluctuations:
         self._here = np.array([grid.pad(mask, patch.along)[window].T for mask in here], np.float32)
         self._boxes: dict[int, np.ndarray] = {}
         # the four planes around the face in two boxes; `_places`: number of the second box, and of the plane
-        self._planes = np.empty((4, 2, *self._here.shape), np.float32)
-        self._places: list[tuple[int, int] | None] = [None] * 4
+        self._planes = np.empty((PLANES_AT_ONCE, 2, *self._here.shape), np.float32)
+        self._places: list[tuple[int, int] | None] = [None] * PLANES_AT_ONCE
 
     def _scales(self) -> np.ndarray:
         """Return the factors that give each velocity component its standard deviation on the staggered grid.
@@ -176,7 +177,7 @@ class Fluctuations:
             self._boxes[number] = np.asarray(ifft(box, axis=0, norm="forward", overwrite_x=True))
         return self._boxes[number]
 
-    def _pair(self, number: int, place: int) -> np.ndarray:
+    def pair(self, number: int, place: int) -> np.ndarray:
         """Return the velocities in plane `place` in boxes number - 1 and `number`, without net flow.
 
         Shape (2, dim, *window), with the window's axes in reverse order.
@@ -194,9 +195,26 @@ class Fluctuations:
 
     def advance(self, speed: float, dt: float) -> np.ndarray:
         """Return turbulent velocities, (*window, dim), after dt [s] at `speed` [m/s]; no net flow."""
+        number, first, cubic, boxes = self.move(speed, dt)
+        shares = [0.0] * (2 * PLANES_AT_ONCE)
+        for place, weight in enumerate(cubic, first):
+            row = place % PLANES_AT_ONCE
+            shares[2 * row : 2 * row + 2] = boxes[0] * weight, boxes[1] * weight
+            if self._places[row] != (number, place):
+                self._planes[row] = self.pair(number, place)
+                self._places[row] = (number, place)
+        now = np.array(shares, np.float32) @ self._planes.reshape(2 * PLANES_AT_ONCE, -1)
+        return now.reshape(self._here.shape).T
+
+    def move(
+        self, speed: float, dt: float
+    ) -> tuple[int, int, tuple[float, float, float, float], tuple[float, float]]:
+        """Advance by dt [s] at `speed` [m/s]. Return the number of the second box of waves, the first plane, the
+        weights of PLANES_AT_ONCE planes, and those of both boxes.
+        """
         self.travelled += abs(speed) * dt
         whole, f = divmod(self.travelled / self.waves.spacing, 1.0)
-        number, shares = int(whole) // self.waves.overlap, [0.0] * 8
+        number = int(whole) // self.waves.overlap
         turn = 0.5 * pi * ((whole + f) / self.waves.overlap - number)
         cubic = (
             -f * (f - 1) * (f - 2) / 6,
@@ -204,11 +222,8 @@ class Fluctuations:
             -(f + 1) * f * (f - 2) / 2,
             (f + 1) * f * (f - 1) / 6,
         )
-        for place, weight in enumerate(cubic, int(whole) - 1):
-            row = place % 4
-            shares[2 * row : 2 * row + 2] = cos(turn) * weight, sin(turn) * weight
-            if self._places[row] != (number, place):
-                self._planes[row] = self._pair(number, place)
-                self._places[row] = (number, place)
-        now = np.array(shares, np.float32) @ self._planes.reshape(8, -1)
-        return now.reshape(self._here.shape).T
+        return number, int(whole) - 1, cubic, (cos(turn), sin(turn))
+
+    def planes_until(self, number: int) -> int:
+        """Return the end of the planes that are needed with box `number` as the second box."""
+        return (number + 1) * self.waves.overlap + PLANES_AT_ONCE - 2
