@@ -152,8 +152,8 @@ class Boundaries:
         """Return the n-th jet as a GPU computes it."""
         p = self.jets[n]
         faces = self._face(np.moveaxis(np.indices(self.sides[p.axis]), 0, -1), p)[p.window]
-        rows = (values.reshape(-1, self.dim) for values in (faces, p.flow))
-        return Blowing(self.target[p.axis], *rows, self.noise.get(n))
+        faces, flow = faces.reshape(-1, self.dim), p.flow.reshape(-1, self.dim)
+        return Blowing(self.target[p.axis], faces, flow, self.noise.get(n))
 
     def _peak(self, n: int) -> float:
         """Return the ratio of jet n's largest velocity component, with swirl and turbulence, to its mean speed."""
