@@ -103,9 +103,6 @@ CELL = 1.0 / 12.0  # variance along an axis that a mean over a cell adds [cellsÂ
 SAMPLES = 4  # samples per axis, to measure a ball's fraction of a cell
 
 
-SEVERAL = 4  # amounts that a kernel takes at once
-
-
 class Release:
     """Release of vapour or heat from balls into cells. `set_amounts` sets the next release, `into` returns its pass.
 
@@ -255,16 +252,7 @@ class Release:
         """Set the amount (kg or J per heat capacity) that each ball releases in the next step."""
         if amounts != self._amounts:
             self._amounts = amounts
-            for n in range(0, len(amounts), SEVERAL):
-                part = amounts[n : n + SEVERAL]
-                self._take(n, [*part, *[0.0] * (SEVERAL - len(part))])
-
-    @ti.kernel
-    def _take(self, first: ti.i32, amounts: ti.types.vector(SEVERAL, ti.f64)):
-        """Set some amounts; arguments of a kernel reach a GPU without waiting for it."""
-        for k in ti.static(range(SEVERAL)):
-            if first + k < self._amount.shape[0]:
-                self._amount[first + k] = amounts[k]
+            self._amount.from_numpy(amounts)
 
     def into(self, q: Field, rest: Field, start: Field) -> Pass:
         """Return the pass that adds the release to a scalar (amount per volume) in the first stage of a step.
