@@ -105,6 +105,10 @@ class Scheduler:
             job = self.queue.next(self.structures.get(worker, ""), len(self.worker_names))
             if job is None:
                 return
+            failure = self.store.failure(job.air) if job.solve else ""
+            if failure:
+                self._fail(job, failure)
+                continue
             self.tasks[self.workers.submit(worker, work, self._task(job))] = worker, job
             self.structures[worker] = job.structure
 

@@ -18,7 +18,6 @@ import hashlib
 import json
 import os
 import time
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from math import ceil
@@ -113,11 +112,11 @@ def parts_of(plan: "Plan", count: int) -> list[Part]:
     parts: list[list[Request]] = [[] for _ in range(count)]
     for piece in sorted(pieces, key=len, reverse=True):
         min(parts, key=len).extend(piece)
-    shards = Counter(air for part in parts for air in {request.air for request in part} & shared)
+    cut = {air for air, unit in units.items() if len(unit) > share}
     return [
         Part(
             tuple(sorted(part, key=lambda request: request.number)),
-            frozenset(air for air in {request.air for request in part} & shared if shards[air] > 1),
+            frozenset(cut & {request.air for request in part}),
         )
         for part in parts
     ]
@@ -222,13 +221,8 @@ class Claims:
     """
 
     def __init__(self, folder: Path, shard: Shard, common: frozenset[str], heart: Heart):
-        self.folder, self.airs, self.shard, self.common, self.heart = (
-            folder,
-            folder / "airs",
-            shard,
-            common,
-            heart,
-        )
+        self.folder, self.airs, self.heart = folder, folder / "airs", heart
+        self.shard, self.common = shard, common
 
     def solver(self, air: str) -> str | None:
         """Return the name of the other shard that solves an air; None if no running shard does."""

@@ -93,11 +93,13 @@ class Store:
         try:
             if self.shard is not None:
                 self._require_alone(heart, [own_folder.LOCK])
-                _agreed(self.folder, plan, self.shard.count)
-                self.claims = Claims(self.folder, self.shard, self.common, heart)
+                _agreed(self.folder, plan)
             else:
                 self._require_alone(heart, locks(self.folder))
             self._drop_others({request.run for request in plan.requests}, force)
+            if self.shard is not None:
+                _agreed(self.folder, plan, self.shard.count)
+                self.claims = Claims(self.folder, self.shard, self.common, heart)
             own_folder.mark(self.folder, KIND)
             for folder in (self.parts, self.airs):
                 folder.mkdir(exist_ok=True)
@@ -194,10 +196,12 @@ class Store:
         if not others:
             return
         if not force:
+            without_shard = "" if self.shard is None else ", without --shard,"
             raise StoreError(
                 f"{self.folder}: holds {len(others):,} run{'s' * (len(others) > 1)} that this study does not have "
                 f"({others[0]}{' ...' * (len(others) > 1)}): it is another study's folder, or the base, an axis, an "
-                "input file or the version has changed; choose another --out, or add --force to remove these runs"
+                f"input file or the version has changed; choose another --out, or add --force{without_shard} to remove "
+                "these runs"
             )
         for part in self._files():
             table = _read(part)
@@ -251,6 +255,18 @@ class Store:
         with disk.written_whole(self.airs / f"{record.air}.json") as fresh:
             fresh.write_text(json.dumps(record._asdict()), encoding="utf-8")
 
+    def failure(self, air: str) -> str:
+        """Return why another shard could not solve an air; "" if none has failed. Raises StoreError."""
+        file = self.airs / f"{air}.json"
+        shared = self.claims is not None and air in self.claims.common
+        return _air_record(file).message if shared and file.exists() else ""
+
+    def forget_failures(self, airs: Collection[str]) -> None:
+        """Delete the records of failed airs among `airs`, which are solved again. Raises StoreError."""
+        for record in self.air_records():
+            if record.message and record.air in airs:
+                disk.discard(self.airs / f"{record.air}.json")
+
     def beat(self) -> None:
         """Show other machines that this process writes to the folder."""
         if self._heart is not None:
@@ -296,13 +312,7 @@ class Store:
 
     def air_records(self) -> list[AirRecord]:
         """Return the records of airs (flow and gas that runs share), sorted by file name. Raises StoreError."""
-        records = []
-        for file in sorted(self.airs.glob("*.json")):
-            try:
-                records.append(AirRecord(**json.loads(read_regular(file, LARGEST_RECORD))))
-            except (OSError, ValueError, TypeError, RecursionError):
-                raise StoreError(f"{file}: is damaged; remove it") from None
-        return records
+        return [_air_record(file) for file in sorted(self.airs.glob("*.json"))]
 
     def _files(self) -> list[Path]:
         """Return the Parquet files of run records, oldest first. Raises StoreError if there are other files."""
@@ -317,6 +327,13 @@ class Store:
 
 def _number(part: Path) -> int:
     return int(part.name.partition(".")[0])
+
+
+def _air_record(file: Path) -> AirRecord:
+    try:
+        return AirRecord(**json.loads(read_regular(file, LARGEST_RECORD)))
+    except (OSError, ValueError, TypeError, RecursionError):
+        raise StoreError(f"{file}: is damaged; remove it") from None
 
 
 def _same_plan(folder: Path, plan: "Plan") -> bool:

@@ -120,6 +120,8 @@ def _work(
 ) -> list[Exception]:
     """Execute the missing runs among `requests` on workers; return the error that ended this, such as lost workers."""
     missing = missing_runs(plan, store, settings.retry, requests)
+    if settings.retry:
+        store.forget_failures({request.air for request in missing})
     total, before = len(requests), len(requests) - len(missing)
     from taichi_plume.studies.progress import Display
 

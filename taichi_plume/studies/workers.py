@@ -45,6 +45,8 @@ LOOK_S = 1.0  # interval between checks of a scheduler's workers
 ENVIRONMENT = {
     **dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
     "PYTHONSAFEPATH": "1",  # workers do not import modules of the working folder, such as one named socket
+    # a killed worker leaves semaphores, which the process that removes them would report to the user
+    "PYTHONWARNINGS": "ignore::UserWarning:multiprocessing.resource_tracker",
 }
 
 _TAICHI = threading.Lock()  # only one thread of a process at a time can use Taichi
@@ -102,7 +104,7 @@ class LocalWorkers:
         with suppress(KeyError, BrokenProcessPool):
             return self._executors[worker].submit(function, task)
         context = multiprocessing.get_context("spawn")
-        with _SPAWN, _blocked_signals(), _environment(), _without_main():
+        with _SPAWN, _environment(), _blocked_signals(), _without_main():
             self._executors[worker] = ProcessPoolExecutor(1, context, _begin_process, (self._log,))
             return self._executors[worker].submit(function, task)
 

@@ -23,6 +23,7 @@ from taichi_plume.cli.study import main
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.studies import air_plan
 from taichi_plume.studies.job_queue import JobQueue
+from taichi_plume.studies.messages import Cost, Record
 from taichi_plume.studies.shards import STALE_S, Claims, Heart, Shard, parts_of, shard_of
 from taichi_plume.studies.store import Store, StoreError
 
@@ -182,6 +183,11 @@ def test_a_folder_is_of_one_plan_and_one_number_of_shards(tmp_path, plan):
             assert "\n" not in str(caught.value)
     with pytest.raises(StoreError, match="holds shards of another study"):
         begun(out, plan(11, 2), Shard(1, 3))
+    with begun(tmp_path / "of_one", made) as store:
+        store.add([Record(made.requests[9].run, "completed", "", [], {}, Cost(0.0, 0.0, 0.0, 0, ""))])
+    with pytest.raises(StoreError, match="add --force, without --shard"):
+        begun(tmp_path / "of_one", plan(9, 2), Shard(1, 3))
+    begun(tmp_path / "of_one", made, Shard(1, 3)).close()  # the refused study has begun no shards
     with Store(out) as store, pytest.raises(StoreError, match="another study"):
         store.merge(plan(11, 2))
     with begun(out, made), pytest.raises(StoreError, match="a study without shards is running there"):
@@ -283,11 +289,12 @@ def test_each_air_is_solved_once_by_a_group_of_shards(tmp_path):
 @POSIX
 @pytest.mark.slow
 def test_missing_runs_are_reported_and_completed_without_shards(tmp_path):
-    """Also where an air cannot be solved, which each shard of its group finds out."""
-    out, base = tmp_path / "out", {"shared": True, "sleep": 0.02, "bad_airs": ["0001"]}
+    """Also where an air cannot be solved, which one shard of its group finds out for all."""
+    out, base = tmp_path / "out", {"shared": True, "sleep": 0.02, "bad_airs": ["0000"]}
     reported = {"runs": 40, "airs": 2, "base": base}
     for k in (1, 2, 4):
         assert study(out, reported, f"--shard={k}/5", "--workers=1")[0] in (0, 1)
+    assert [line.split()[0] for line in (out / "airs.txt").read_text().splitlines()].count("0000") == 1
     code, said = study(out, reported, "--merge")
     assert code == 1
     assert "16 runs are missing" in said
