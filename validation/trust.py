@@ -108,11 +108,16 @@ def collected(
 ) -> dict[Quantity, list[Points]]:
     """Return the points of all cases by quantity that has any; results: by name, as `report.json` has them."""
     found: dict[Quantity, list[Points]] = {quantity: [] for quantity in SCALES}
+    if unknown := results.keys() - cases.keys():
+        raise ValueError(f"results of no known case: {', '.join(sorted(unknown))}")
     for name, result in results.items():
         for quantity, scale in SCALES.items():
             parts = [part for part in comparisons(cases[name]) if part.quantity == quantity]
             exact = cases[name].evidence == "exact"
-            pairs = [pair for part in parts for pair in _pairs(part, result, 0.0 if exact else scale.sigma)]
+            sigma = 0.0 if exact else scale.sigma
+            pairs = [
+                pair for part in parts for pair in _pairs(part, result, sigma) if np.isfinite(pair).all()
+            ]
             if not pairs:
                 continue
             measured, computed, sigma = np.array(pairs, float).T
@@ -194,11 +199,13 @@ def published(text: str) -> list[tuple[float, float | None]]:
     """
     if mean := re.match(rf"{NUMBER} \+- {NUMBER} \(n = (\d+)\)", text):
         value, half, n = map(float, mean.groups())
-        return [(value, half / abs(value) / float(student.ppf(0.975, n - 1)))]
+        if value and n > 1.0:
+            return [(value, half / abs(value) / float(student.ppf(0.975, n - 1)))]
     if ends := re.match(rf"{NUMBER} to {NUMBER}\b", text):
         low, high = map(float, ends.groups())
-        return [(sqrt(low * high), log(high / low) / 4.0)]
-    if share := re.match(rf"{NUMBER} of {NUMBER}\b", text):
+        if 0.0 < low <= high:
+            return [(sqrt(low * high), log(high / low) / 4.0)]
+    if (share := re.match(rf"{NUMBER} of {NUMBER}\b", text)) and float(share[2]):
         return [(float(share[1]) / float(share[2]), None)]
     if re.fullmatch(rf"{NUMBER}(, {NUMBER})*", text):
         return [(float(value), None) for value in re.findall(NUMBER, text)]

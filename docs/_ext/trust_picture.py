@@ -24,9 +24,11 @@ INK = {"": ("#24292f", "#c2471f"), "_dark": ("#d6dbe1", "#ff8a65")}
 """Colours of text and lines, and of the model's lines, by ending of the file's name."""
 
 AXES = {"time of searches": "s", "drag": "coefficients, Pa", "concentration fluctuation": "c'/C, or ratios"}
+LEAD = """\
+Each point: a measured value (x) and ours (y). Black: agreement. Red: our bias, the mean factor δ. Dashed: ±2 σ, of the
+experiments in black and ours in red. Hollow, ○: a case that misses one of its bounds.
+"""
 ABOUT = """\
-Measured or published values (x) and ours (y) of every case that has both. Black: agreement, dashed ±2 σ of the
-experiments. Red: bias of the model, dashed ±2 σ of the model. Hollow, ○: a case that misses one of its bounds.
 Circles: measured; squares: published; triangles: laws; diamonds: numerical benchmarks. Last panel: time of a step.
 """
 HOW = """\
@@ -61,33 +63,29 @@ def write(folder: Path, cases: Mapping[str, Any], results: Mapping[str, Any]) ->
         for ending, page in zip(INK, ("light", "dark"), strict=True)
     )
     how = HOW.format(points=trust.POINTS)
-    return "\n".join([*images, ABOUT, _table(collected), how, _speeds(speeds), _absent(cases, results)])
+    return "\n".join([LEAD, *images, ABOUT, _table(collected), how, _speeds(speeds), _absent(cases, results)])
 
 
-def _statistics(quantity: Any, groups: Sequence[Any]) -> Any:
+def _statistics(quantity: Any, groups: Sequence[Any]) -> tuple[Any, list[str]]:
+    """Statistics of a quantity, and the texts of bias and deviations; a dash where too few points decide."""
     from taichi_plume.validation import trust
 
-    return trust.statistics(groups, trust.SCALES[quantity].differences)
+    differences = trust.SCALES[quantity].differences
+    found = trust.statistics(groups, differences)
+    texts = [f"{found.bias:{'+' * differences}.2f}", f"{found.model:.2f}", f"{found.experiments:.2f}"]
+    return found, texts if np.isfinite(found.bias) else ["–"] * 3
 
 
 def _table(collected: Mapping[Any, Sequence[Any]]) -> str:
     """Table of the statistics by quantity, and of the cases in each."""
-    from taichi_plume.validation import trust
-
     rows = ["| quantity | cases | points | δ | σ, model | σ, experiments |", "|---|---|---|---|---|---|"]
     for quantity, groups in collected.items():
         names = ", ".join(f"`{group.case}`" + ("" if group.met else " ○") for group in groups)
         if groups[0].bound:
             cells = (str(sum(len(group.measured) for group in groups)), _kept(groups), "", "")
         else:
-            found = _statistics(quantity, groups)
-            bias = "{:+.2f}" if trust.SCALES[quantity].differences else "{:.2f}"
-            cells = (
-                str(found.points),
-                bias.format(found.bias),
-                f"{found.model:.2f}",
-                f"{found.experiments:.2f}",
-            )
+            found, texts = _statistics(quantity, groups)
+            cells = (str(found.points), *texts)
         rows.append(f"| {quantity} | {len(groups)}: {names} | {' | '.join(cells)} |")
     return "\n".join(rows) + "\n"
 
@@ -136,7 +134,7 @@ def _draw(
     look |= {"axes.facecolor": "none", "figure.facecolor": "none", "legend.frameon": False}
     with rc_context(look):
         rows = len(collected) // 3 + 1
-        figure = Figure(figsize=(8.4, 2.4 * rows), layout="constrained")
+        figure = Figure(figsize=(8.4, 2.15 * rows), layout="constrained")
         axes = list(figure.subplots(rows, 3).flat)
         for axis, (quantity, groups) in zip(axes, collected.items(), strict=False):
             axis.set_title(quantity, fontsize=9, fontweight="bold", loc="left")
@@ -178,7 +176,7 @@ def _scatter(axis: Any, quantity: Any, groups: Sequence[Any], ink: str, model: s
     else:
         ends = np.array([values.min() / 1.3, values.max() * 1.3])
         axis.set(xscale="log", yscale="log")
-    found = _statistics(quantity, groups)
+    found, texts = _statistics(quantity, groups)
     grid = np.linspace(*ends, 2) if scale.differences else np.geomspace(*ends, 2)
 
     def line(bias: float, off: float, color: str, style: str) -> None:
@@ -199,8 +197,7 @@ def _scatter(axis: Any, quantity: Any, groups: Sequence[Any], ink: str, model: s
             one.set_minor_formatter("")
     unit = " over largest" if scale.relative else f" [{AXES[quantity]}]" if quantity in AXES else ""
     axis.set(xlim=ends, ylim=ends, xlabel=f"measured{unit}", ylabel="computed")
-    bias = f"{found.bias:+.2f}" if scale.differences else f"{found.bias:.2f}"
-    text = f"δ {bias}\nσ {found.model:.2f}\nexp. {found.experiments:.2f}"
+    text = "δ {}\nσ {}\nexp. {}".format(*texts)
     axis.text(0.98, 0.03, text, transform=axis.transAxes, ha="right", va="bottom")
     axis.legend(fontsize=6, loc="upper left", handletextpad=0.1, borderpad=0.1, labelspacing=0.2)
 

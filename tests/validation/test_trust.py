@@ -92,9 +92,33 @@ def test_texts_of_published_values_are_read(text, values):
         assert found == (pytest.approx(value), sigma if sigma is None else pytest.approx(sigma, rel=1e-4))
 
 
-def test_a_text_without_a_number_is_refused():
-    with pytest.raises(ValueError, match="below 1"):
-        published("below 1")
+@pytest.mark.parametrize(
+    "text", ["below 1", "0 to 5", "-1 to 2", "0 +- 1 (n = 3)", "1 +- 1 (n = 1)", "0 of 0"]
+)
+def test_a_text_without_a_number_that_can_be_compared_is_refused(text):
+    with pytest.raises(ValueError, match="no number that can be compared"):
+        published(text)
+
+
+def test_results_with_a_single_point_and_without_any_are_drawn(tmp_path):
+    (tmp_path / "plots").mkdir()
+    (tmp_path / "speed.json").write_text((DOCS / "validation/speed.json").read_text(), encoding="utf-8")
+    single = trust_picture.write(tmp_path, CASES, {"fan_jet": RESULTS["fan_jet"]})
+    assert "| velocity | 1: `fan_jet` | 1 | – | – | – |" in single
+    assert "| velocity" not in trust_picture.write(tmp_path, CASES, {})
+    with pytest.raises(ValueError, match="a_ghost"):
+        trust_picture.write(tmp_path, CASES, {"a_ghost": RESULTS["fan_jet"]})
+
+
+def test_values_that_are_not_finite_are_left_out():
+    result = json.loads(json.dumps(RESULTS["backward_step"]))
+    whole = collected(CASES, {"backward_step": result})["velocity"][0]
+    for picture in result["pictures"].values():
+        if "computed" in picture:
+            picture["computed"][0] = float("nan")
+    rest = collected(CASES, {"backward_step": result})["velocity"][0]
+    assert 0 < len(rest.measured) < len(whole.measured)
+    assert np.isfinite(rest.computed).all()
 
 
 def test_every_measured_or_published_case_is_in_the_picture_or_says_why_not():
