@@ -25,8 +25,8 @@ INK = {"": ("#24292f", "#c2471f"), "_dark": ("#d6dbe1", "#ff8a65")}
 
 AXES = {"time of searches": "s", "drag": "coefficients, Pa", "concentration fluctuation": "c'/C, or ratios"}
 LEAD = """\
-Each point: a measured value (x) and ours (y). Black: agreement. Red: our bias, the mean factor δ. Dashed: ±2 σ, of the
-experiments in black and ours in red. Hollow, ○: a case that misses one of its bounds.
+Each point: a measured value (x) and ours (y), hollow (○) if the case misses one of its bounds. Black: agreement; red:
+our bias, the mean factor δ. Dashed: ±2 σ, of the experiments in black and ours in red.
 """
 ABOUT = """\
 Circles: measured; squares: published; triangles: laws; diamonds: numerical benchmarks. Last panel: time of a step.
@@ -134,7 +134,7 @@ def _draw(
     look |= {"axes.facecolor": "none", "figure.facecolor": "none", "legend.frameon": False}
     with rc_context(look):
         rows = len(collected) // 3 + 1
-        figure = Figure(figsize=(8.4, 2.15 * rows), layout="constrained")
+        figure = Figure(figsize=(8.4, 2.0 * rows), layout="constrained")
         axes = list(figure.subplots(rows, 3).flat)
         for axis, (quantity, groups) in zip(axes, collected.items(), strict=False):
             axis.set_title(quantity, fontsize=9, fontweight="bold", loc="left")
