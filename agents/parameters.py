@@ -6,12 +6,29 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.agents.groups import GroupRange
-from taichi_plume.agents.members import Members, OfGroup
+from taichi_plume.agents.members import Members
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 
 Numbers = Mapping[str, float | tuple[float, ...] | np.ndarray]
 """Kernel parameters of a group by name: a scalar or a tuple shared by all robots, or an array over the robots."""
+
+
+class Parameter:
+    """View in kernels of a parameter, indexed like a field over robots: ``x[n]`` or, for tuples, ``x[n, k]``.
+
+    table: numbers of several parameters. first: place of the first number of this one. rows: how many groups or robots
+    it has numbers of. group: field with each robot's row; None if they share the row. each: whether robot n has row n.
+    """
+
+    def __init__(self, table: Field, first: int, rows: int, group: Field | None, each: bool):
+        self.table, self.first, self.rows, self.group, self.each = table, first, rows, group, each
+
+    def __getitem__(self, at: Any) -> Any:
+        n, *entry = at if isinstance(at, tuple) else (at,)
+        row: Any = n if self.each else 0 if self.group is None else self.group[n]
+        place = row + self.first
+        return self.table[place + entry[0] * self.rows if entry else place]
 
 
 class Parameters:
@@ -20,12 +37,14 @@ class Parameters:
     numbers: function that returns the parameters of a group, computed in f64 and rounded once to f32; integers and
     flags become i32. The k-th entry of a tuple is ``p.arms[n, k]``; shorter tuples are padded by zeros. An array has a
     value per robot; all other parameters are stored once per group. streams: names of random streams; the key of each
-    stream is a parameter named by the keyword.
+    stream is a parameter named by the keyword. All parameters of a type share a field, as some devices give a kernel no
+    more than 31 or 32 arrays.
     """
 
     def __init__(self, members: Members, numbers: Callable[[GroupRange], Numbers], **streams: str):
         groups = [(group, numbers(group)) for group in members.groups]
         self._largest: dict[str, float] = {}
+        tables: dict[Any, dict[str, tuple[np.ndarray, bool]]] = {}
         for name, first in groups[0][1].items():
             values = [each[name] for _, each in groups]
             width, differ = _width(values), any(isinstance(value, np.ndarray) for value in values)
@@ -34,15 +53,17 @@ class Parameters:
                 for (group, _), value in zip(groups, values, strict=True)
             ]
             is_real = np.issubdtype(np.asarray(first).dtype, np.floating)
-            self._put(name, ti.f32 if is_real else ti.i32, np.concatenate(rows), None if differ else members)
+            of_type = tables.setdefault(ti.f32 if is_real else ti.i32, {})
+            of_type[name] = np.concatenate(rows), differ
             self._largest[name] = max(float(np.max(value)) for value in values)
         for name, stream in streams.items():
-            self._put(name, ti.u32, members.streams(stream), members)
-
-    def _put(self, name: str, dtype: Any, table: np.ndarray, members: Members | None) -> None:
-        """Store a table over the robots or, with `members`, over their groups as the parameter `name`."""
-        field = ti.filled(table, dtype)
-        setattr(self, name, field if members is None else OfGroup(field, members.row))
+            tables.setdefault(ti.u32, {})[name] = members.streams(stream), False
+        for dtype, of_type in tables.items():
+            table = ti.filled(np.concatenate([rows.ravel(order="F") for rows, _ in of_type.values()]), dtype)
+            place = 0
+            for name, (rows, differ) in of_type.items():
+                setattr(self, name, Parameter(table, place, len(rows), members.row, differ))
+                place += rows.size
 
     def __getattr__(self, name: str) -> Field:
         raise AttributeError(name)

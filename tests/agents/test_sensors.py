@@ -161,6 +161,14 @@ def test_other_numbers_compile_nothing(lab):
     assert all(len(np.unique(lab.of(f"mox {model}"))) > 3 for model in MOX)
 
 
+def test_a_measurement_takes_few_arrays(lab):
+    """Metal gives a kernel 31 at most; those of this test's air stand for gas and wind."""
+    lab.fit(**each_model())
+    lab.measure()
+    launches = vars(lab.sensors)["_bound"].values()
+    assert max(sum(kind == "field" for _, kind in launch.extra) for launch in launches) <= 31
+
+
 def test_sensors_go_on_from_what_was_saved(crowd):
     crowd.fit(
         {"others": Anemometer(kind="thermal")},
