@@ -7,28 +7,12 @@ import numpy as np
 
 from taichi_plume.agents.groups import GroupRange
 from taichi_plume.agents.members import Members
+from taichi_plume.agents.tables import share_field
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 
 Numbers = Mapping[str, float | tuple[float, ...] | np.ndarray]
 """Kernel parameters of a group by name: a scalar or a tuple shared by all robots, or an array over the robots."""
-
-
-class Parameter:
-    """View in kernels of a parameter, indexed like a field over robots: ``x[n]`` or, for tuples, ``x[n, k]``.
-
-    table: numbers of several parameters. first: place of the first number of this one. rows: how many groups or robots
-    it has numbers of. group: field with each robot's row; None if they share the row. each: whether robot n has row n.
-    """
-
-    def __init__(self, table: Field, first: int, rows: int, group: Field | None, each: bool):
-        self.table, self.first, self.rows, self.group, self.each = table, first, rows, group, each
-
-    def __getitem__(self, at: Any) -> Any:
-        n, *entry = at if isinstance(at, tuple) else (at,)
-        row: Any = n if self.each else 0 if self.group is None else self.group[n]
-        place = row + self.first
-        return self.table[place + entry[0] * self.rows if entry else place]
 
 
 class Parameters:
@@ -59,11 +43,7 @@ class Parameters:
         for name, stream in streams.items():
             tables.setdefault(ti.u32, {})[name] = members.streams(stream), False
         for dtype, of_type in tables.items():
-            table = ti.filled(np.concatenate([rows.ravel(order="F") for rows, _ in of_type.values()]), dtype)
-            place = 0
-            for name, (rows, differ) in of_type.items():
-                setattr(self, name, Parameter(table, place, len(rows), members.row, differ))
-                place += rows.size
+            share_field(self, of_type, dtype, members.row)
 
     def __getattr__(self, name: str) -> Field:
         raise AttributeError(name)
