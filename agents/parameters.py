@@ -21,8 +21,7 @@ class Parameters:
     numbers: function that returns the parameters of a group, computed in f64 and rounded once to f32; integers and
     flags become i32. The k-th entry of a tuple is ``p.arms[n, k]``; shorter tuples are padded by zeros. An array has a
     value per robot; all other parameters are stored once per group. streams: names of random streams; the key of each
-    stream is a parameter named by the keyword. All parameters of a type share a field, as some devices give a kernel no
-    more than 31 or 32 arrays.
+    stream is a parameter named by the keyword.
     """
 
     def __init__(self, members: Members, numbers: Callable[[GroupRange], Numbers], **streams: str):
