@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from robots import NOWHERE, Air, Floor, group
 
+from taichi_plume.agents import tables
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
 from taichi_plume.engine import ti
@@ -159,6 +160,15 @@ def test_other_numbers_compile_nothing(lab):
     lab.series(60)
     assert compiled() == before
     assert all(len(np.unique(lab.of(f"mox {model}"))) > 3 for model in MOX)
+
+
+def test_a_measurement_takes_few_arrays_on_a_device(lab, monkeypatch):
+    """Metal gives a kernel 31 at most; those of this test's air stand for gas and wind."""
+    monkeypatch.setattr(tables, "on_cpu", lambda: False)
+    lab.fit(**each_model())
+    lab.measure()
+    launches = vars(lab.sensors)["_bound"].values()
+    assert max(sum(kind == "field" for _, kind in launch.extra) for launch in launches) <= 31
 
 
 def test_sensors_go_on_from_what_was_saved(crowd):

@@ -299,6 +299,7 @@ def test_what_comes_in_goes_out():
     assert np.abs(nowhere[0]).max() < 1e-6
 
 
+@pytest.mark.cpu
 @pytest.mark.parametrize("kind", ["closed", "periodic", "free-closed"])
 def test_strips_of_a_large_box_are_solved_alike(kind, monkeypatch):
     """Strips that threads divide, beside strips in order."""
