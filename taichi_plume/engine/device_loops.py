@@ -98,10 +98,11 @@ def _build_threads(ctx: Any, node: ast.For, bounds: Sequence[tuple[Any, Any]]) -
     with ctx.loop_scope_guard(), ctx.variable_scope_guard():
         thread = _begin(ctx, node, THREADS)
         turn = _begin(ctx, node, (prod(sizes) - thread + (THREADS - 1)) >> LOG_THREADS)
-        rest, index = impl.expr_init(thread + (turn << LOG_THREADS)), []
+        rest: Any = impl.expr_init(thread + (turn << LOG_THREADS))
+        index: list[Any] = []
         for d, (begin, _) in enumerate(bounds):  # last axis fastest
             inner = prod(sizes[d + 1 :])
-            here = impl.expr_init(taichi.raw_div(rest, inner)) if d + 1 < len(bounds) else rest
+            here: Any = impl.expr_init(taichi.raw_div(rest, inner)) if d + 1 < len(bounds) else rest
             rest = impl.expr_init(rest - here * inner)
             index.append(impl.expr_init(here + begin))
         names = ASTTransformer.get_for_loop_targets(node)
