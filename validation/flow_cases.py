@@ -6,7 +6,7 @@ Each function solves a flow at a resolution and returns its errors by norm. Time
 
 from collections.abc import Callable
 from functools import partial
-from math import ceil, pi, sqrt
+from math import ceil, pi, prod, sqrt
 
 import numpy as np
 
@@ -226,7 +226,7 @@ def blow(flow: FlowSolver, velocity: Callable[[np.ndarray], np.ndarray]) -> None
         out += (high - low).sum()
     for d, target in enumerate(targets):
         side = np.array([-1.0, 1.0]).reshape([2 if a == d else 1 for a in range(grid.dim)])
-        target[..., d] -= side * out / grid.boundary_faces
+        target[..., d] -= side * out / sum(2 * prod(grid.shape) // n for n in grid.shape)
         flow.boundaries.target[d].from_numpy(target.astype(np.float32))
 
 
