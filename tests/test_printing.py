@@ -10,7 +10,12 @@ from taichi_plume.cli import maps, run
 from taichi_plume.execution.summary import print_summary
 
 PRINTER = ROOT / PACKAGE / "guard" / "terminal.py"
-OTHERS = {"start.py", "clock_rows.py", "gpu_rows.py", "jax_box.py"}  # of the benchmark, run beside other checkouts
+OTHERS = {
+    "start.py",
+    "clock_rows.py",
+    "gpu_rows.py",
+    "jax_box.py",
+}  # of the benchmark, run beside other checkouts
 FILES = [
     path
     for folder in [ROOT / PACKAGE, *ROOMS.values()]
