@@ -19,7 +19,7 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier, Faces
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template, launch, together
-from taichi_plume.grid.sweeps import flux_sweep, sweep
+from taichi_plume.grid.sweeps import copying, flux_sweep, sweep
 from taichi_plume.scenario.winds import CfdWind
 from taichi_plume.solvers.boundaries import Boundaries
 from taichi_plume.solvers.continuity import corrected, increased, net_inflow
@@ -41,12 +41,6 @@ from taichi_plume.solvers.time_stepping import HUGE, Limits, stages_for
 from taichi_plume.solvers.transport import Scalar
 from taichi_plume.solvers.turbulence import MODELS
 from taichi_plume.solvers.walls import Walls, distances
-
-
-@ti.func
-def component(u: Template, d: Template, I, a, b):
-    """Return u_d at face I."""
-    return u[d][I]
 
 
 @ti.func
@@ -156,10 +150,10 @@ class FlowSolver(Carrier):
 
         slipping = surfaces.slipping if surfaces else lambda convection: convection
         resisting = sum(resistance.cells for resistance in self.resistances)
+        self._keep = copying(u0, u)
         self._prepare = launch(
             *together(
                 [
-                    *(sweep(partial(component, u, d), u0[d], [(0, n) for n in grid.padded]) for d in axes),
                     *(walls.measuring(u) if walls else []),
                     *(ghosts.updating_losses(u, m) if self.boundaries.has_loss else []),
                 ]
@@ -223,6 +217,7 @@ class FlowSolver(Carrier):
         """Remember u as the velocity at the start of a step of dt [s]; update what stays the same in the step: eddy
         viscosity and friction coefficients are those of its start.
         """
+        self._keep()
         self._prepare(dt)
         self._fill()
         self._set_viscosity()

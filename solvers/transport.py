@@ -21,7 +21,7 @@ from taichi_plume.grid.cut_cells import Air
 from taichi_plume.grid.fields import Carrier
 from taichi_plume.grid.grid import Grid
 from taichi_plume.grid.kernels import Pass, Template, each, launch, together
-from taichi_plume.grid.sweeps import flux_sweep, sweep
+from taichi_plume.grid.sweeps import copying, flux_sweep, sweep
 from taichi_plume.solvers.convection import Limited
 from taichi_plume.solvers.openings import Patch
 from taichi_plume.solvers.release import Release
@@ -105,7 +105,7 @@ class Transport:
         self._set_diffusivity(diffusivity, schmidt)
         self._face_value, self._steepest = scheme
         cells = grid.cells
-        self._keep = launch(sweep(self._present, self._start, [(0, n) for n in grid.padded]))
+        self._keep = copying((self._start,), (self.q,))
         self._stage = launch(
             *([release.into(self.q, self.rest, self._start)] if release else []),
             Pass(self._begin_count, 1),
@@ -163,10 +163,6 @@ class Transport:
         if ti.static(self.eddies):
             K += 0.5 * self._per_schmidt * (self.wind.nu[I] + self.wind.nu[I - D])
         return K
-
-    @ti.func
-    def _present(self, I, a, b):
-        return self.q[I]
 
     @ti.func
     def _flux(self, d: Template, I):
