@@ -108,7 +108,6 @@ class Surfaces:
         self._coefficient = [ti.filled(np.zeros(len(cell))) for cell in self.faces]  # see `measure`
         self._count = [len(cell) for cell in self.faces]
         self.cells = sum(self._count)
-        self._strips = on_cpu()
         self._extension: Extension | None = None
         # mixing length [m] of a layer that can separate, 0 on plane and concave surfaces
         self._mixing: list[Field] = []
@@ -193,26 +192,20 @@ class Surfaces:
         """Return the passes that compute the friction coefficients of all surface faces for the present velocities and
         pressure.
         """
-        return together(
-            [
-                Pass(partial(self._measure, d), count, partial(self._measure_face, d))
-                for d, count in enumerate(self._count)
-            ]
-        )
+        if on_cpu():
+            return [Pass(partial(self._measure, d), count) for d, count in enumerate(self._count)]
+        axes = enumerate(self._count)
+        return together([each(partial(self._measure_face, d), count) for d, count in axes])
 
     @ti.func
     def _measure(self, d: Template, a, b):
         count = self._count[d]
-        if ti.static(not self._strips):
-            for k in range(count):
-                self._measure_face(d, k, a, b)
-        else:
-            for k in range((count + LANES - 1) // LANES):
-                values = ti.Vector([0.0] * LANES)
-                for n in range(LANES):
-                    values[n] = self._friction(d, ti.min(k * LANES + n, count - 1))
-                for n in range(ti.min(LANES, count - k * LANES)):
-                    self._coefficient[d][k * LANES + n] = values[n]
+        for k in range((count + LANES - 1) // LANES):
+            values = ti.Vector([0.0] * LANES)
+            for n in range(LANES):
+                values[n] = self._friction(d, ti.min(k * LANES + n, count - 1))
+            for n in range(ti.min(LANES, count - k * LANES)):
+                self._coefficient[d][k * LANES + n] = values[n]
 
     @ti.func
     def _measure_face(self, d: Template, k, a, b):

@@ -40,6 +40,7 @@ from taichi_plume.validation.case import Comparison, Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Lines, Mean, Range, Results, over_airs
 from taichi_plume.validation.published_data import data_file
 from taichi_plume.validation.searches import probed
+from taichi_plume.validation.setups import tunnel
 
 PAPER = "Vanderwel & Tavoularis 2014, J. Fluid Mech. 754, 488-514"
 FILES = {"16.1 mm": "plume_edge/PlumeData1.txt", "18.5 mm": "plume_edge/PlumeData2.txt"}
@@ -102,7 +103,6 @@ def scenario(seed: int, eddies: float, seconds: float = SECONDS) -> Keys:
         for n, (x, y, z) in enumerate(SOURCES)
         for m, (distance, side, height) in enumerate(_places())
     ]
-    inlet = {"speed": U, "turbulence_intensity": INTENSITY, "turbulence_length": eddies}
     return {
         "name": "plume_edge",
         "seed": seed,
@@ -110,15 +110,7 @@ def scenario(seed: int, eddies: float, seconds: float = SECONDS) -> Keys:
         "warm_up": SETTLING,
         "tick": 0.25,
         "domain": {"size": SIZE, "spacing": CELL},
-        "wind": {
-            "kind": "cfd",
-            "openings": [
-                {"kind": "honeycomb", "face": "x-"} | inlet,
-                {"kind": "honeycomb", "face": "x+"},
-                {"kind": "periodic", "axis": "y"},
-                {"kind": "periodic", "axis": "z"},
-            ],
-        },
+        "wind": tunnel(speed=U, turbulence_intensity=INTENSITY, turbulence_length=eddies),
         "gas": {
             "kind": "puffs",
             "species": {"name": "dye", "molar_mass": 0.029, "diffusivity": 1e-8},

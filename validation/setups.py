@@ -22,6 +22,19 @@ def cfd(openings: Openings, **keys: object) -> CfdWind:
     return CfdWind.model_validate({"kind": "cfd", "openings": openings} | keys)
 
 
+def tunnel(**inlet: object) -> dict[str, object]:
+    """Return the section of the wind in a tunnel along x, periodic across; inlet: keys of the honeycomb that blows."""
+    return {
+        "kind": "cfd",
+        "openings": [
+            {"kind": "honeycomb", "face": "x-"} | inlet,
+            {"kind": "honeycomb", "face": "x+"},
+            {"kind": "periodic", "axis": "y"},
+            {"kind": "periodic", "axis": "z"},
+        ],
+    }
+
+
 def flow_on(wind: CfdWind, shape: tuple[int, ...], dx: float, seed: int = 0) -> FlowSolver:
     """Return the flow solver of a wind in an empty box of cells of edge `dx` [m]."""
     grid = Grid(shape, dx, periodic=periodic_axes(wind.openings, len(shape)))

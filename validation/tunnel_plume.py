@@ -38,6 +38,7 @@ from taichi_plume.fluctuations.spectra import integral_time
 from taichi_plume.validation.case import Comparison, Keys
 from taichi_plume.validation.experiment import Condition, Experiment, Lines, Range, Results, over_airs
 from taichi_plume.validation.searches import probed
+from taichi_plume.validation.setups import tunnel
 
 U, LENGTH, INTENSITY = 1.0, 0.3, 0.12  # m/s; m; over the speed
 CELL, SIZE = 0.05, (3.0, 1.6, 1.2)  # m
@@ -100,7 +101,6 @@ def scenario(seed: int, seconds: float) -> Keys:
         for kind in (SMALL, LARGE)
     ]
     tracer = {"name": KINDS[GRID].gas, "molar_mass": 0.029, "diffusivity": 1.2e-5}
-    inlet = {"speed": U, "turbulence_intensity": INTENSITY, "turbulence_length": LENGTH}
     return {
         "name": "tunnel_plume",
         "seed": seed,
@@ -108,15 +108,7 @@ def scenario(seed: int, seconds: float) -> Keys:
         "warm_up": 2.0 * SIZE[0] / U,
         "tick": STEP,
         "domain": {"size": SIZE, "spacing": CELL},
-        "wind": {
-            "kind": "cfd",
-            "openings": [
-                {"kind": "honeycomb", "face": "x-"} | inlet,
-                {"kind": "honeycomb", "face": "x+"},
-                {"kind": "periodic", "axis": "y"},
-                {"kind": "periodic", "axis": "z"},
-            ],
-        },
+        "wind": tunnel(speed=U, turbulence_intensity=INTENSITY, turbulence_length=LENGTH),
         "gas": {
             "kind": "mixture",
             "parts": [*puffs, {"kind": "eulerian", "species": tracer, "sources": [source]}],

@@ -140,8 +140,6 @@ _numbers: set[int] = set()
 
 def begin(arguments: Sequence[Any]) -> None:
     """Begin to build a kernel with these expressions as its arguments."""
-    global _open
-    _open = 0
     _numbers.clear()
     _numbers.update(map(id, arguments))
 

@@ -24,7 +24,7 @@ LANES = 8
 """Cells that a loop computes in one vector instruction (f32 in 256 bits)."""
 SLACK = 4 * LANES
 """Entries behind the memory of a field, which vectorised loops may read."""
-MOST = 48
+FEW_NUMBERS = 48
 """Numbers up to which a few launches take less time than waiting for the device."""
 
 
@@ -111,7 +111,7 @@ class ArrayField:
             return
         flat = np.zeros(self._memory, KINDS[self.dtype])
         self._shaped(flat[: self._count])[...] = values
-        if self._count * max(1, self._line.n) <= MOST and flat.itemsize >= 4:
+        if self._count * max(1, self._line.n) <= FEW_NUMBERS and flat.itemsize >= 4:
             from taichi_plume.engine.uploads import upload  # which imports this module
 
             upload(self._line, flat[: self._count])

@@ -12,7 +12,7 @@ from math import prod
 
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import LANES, Field, on_cpu
-from taichi_plume.grid.kernels import CHUNK, FEW_CELLS, FEW_ROWS, Pass, Template, launch, together
+from taichi_plume.grid.kernels import CHUNK, FEW_CELLS, FEW_ROWS, Pass, Template, each, launch, together
 
 Ranges = Sequence[tuple[int, int]]
 """First index and end per axis of a sweep."""
@@ -101,11 +101,6 @@ class _Sweep:
                 self.strip(J, k, a, b)
 
     @ti.func
-    def by_cell(self, a, b):
-        for n in range(self.cells):
-            self.at(n, a, b)
-
-    @ti.func
     def at(self, n, a, b):
         """Set the n-th cell."""
         I = nth_cell(n, self.ranges, self.outs[0])
@@ -129,7 +124,7 @@ def sweep(
     """
     loops = _Sweep(body, out if isinstance(out, tuple) else (out,), ranges, place, axis)
     if not on_cpu():
-        return Pass(loops.by_cell, loops.cells, loops.at)
+        return each(loops.at, loops.cells)
     parallel = loops.few_rows and loops.cells > FEW_CELLS
     return Pass(loops.by_strip if parallel else loops.by_row, loops.cells)
 
@@ -205,11 +200,6 @@ class _FluxSweep:
                 self.rows_of(n // CHUNK, a, b)
 
     @ti.func
-    def by_cell(self, a, b):
-        for n in range(self.cells):
-            self.at(n, a, b)
-
-    @ti.func
     def at(self, n, a, b):
         """Set the n-th cell."""
         I = nth_cell(n, self.ranges, self.out)
@@ -233,7 +223,7 @@ def flux_sweep(
     """
     loops = _FluxSweep(fluxes, body, out, ranges, exact)
     if not on_cpu():
-        return Pass(loops.by_cell, loops.cells, loops.at)
+        return each(loops.at, loops.cells)
     return Pass(loops.by_part if loops.cells > FEW_CELLS else loops.in_order, loops.cells)
 
 

@@ -316,7 +316,7 @@ def test_missing_runs_are_reported_and_completed_without_shards(tmp_path):
 
 
 def node(folder: Path, way: Path, name: str) -> dict[str, Any]:
-    """What `Popen` needs for a node with a working folder, temporary folder, home and caches of its own."""
+    """Arguments of `Popen` for a shard on a node with its own working folder, temporary folder, home and caches."""
     own = folder / name
     for part in ("tmp", "home", "work"):
         (own / part).mkdir(parents=True)
