@@ -14,7 +14,8 @@ def opened(path: Path) -> Iterator[pq.ParquetFile]:
     """Context that yields a Parquet file's reader. Raises OSError, for irregular files too, and pyarrow's errors.
 
     Read with use_threads=False: Arrow's threads may release Python's buffers after the read has returned, which aborts
-    a process that ends just then.
+    a process that ends just then. Arrow reads ahead (pre_buffer) in threads whatever use_threads is.
     """
-    with open_regular(path) as file, pq.ParquetFile(file, page_checksum_verification=True) as table:
+    options = {"page_checksum_verification": True, "pre_buffer": False}
+    with open_regular(path) as file, pq.ParquetFile(file, **options) as table:
         yield table

@@ -223,7 +223,7 @@ def _split(trials: pa.Table, names: Sequence[str]) -> list[tuple[Row, pa.Table]]
     if not names or not len(trials):
         return [({}, trials)]
     made = []
-    groups = trials.group_by(names).aggregate([]).to_pylist()
+    groups = trials.group_by(names, use_threads=False).aggregate([]).to_pylist()
     for values in sorted(groups, key=lambda group: str(list(group.values()))):
         chosen = pa.scalar(True)
         for name in names:
