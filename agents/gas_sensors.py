@@ -164,10 +164,11 @@ class GasSensors:
         v = ti.Vector.zero(ti.f32, self.dim)
         for d in ti.static(range(2)):
             v[d] = self.swarm.velocity[i][d]
-        memory = ti.select(tick == 1, 0.0, exp(-self.tick * gas.turnover(x, v, t)))
+        deviation, turnover = gas.fluctuations(x, v, t)
+        memory = ti.select(tick == 1, 0.0, exp(-self.tick * turnover))
         y = memory * self.fluctuation[n] + ti.sqrt(1.0 - memory * memory) * deviate
         self.fluctuation[n] = y
-        relative = ti.min(gas.deviation(x, t) / ti.max(ppm, 1e-20), LARGEST)
+        relative = ti.min(deviation / ti.max(ppm, 1e-20), LARGEST)
         variance = ti.log(1.0 + relative * relative)
         return ti.exp(ti.sqrt(variance) * y - 0.5 * variance)
 

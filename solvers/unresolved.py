@@ -36,23 +36,30 @@ class Unresolved:
     def difference(self, x: Template, t: float):
         """Return the change of the wind over a cell, dx |grad u| [m/s], at point x [m] and time t [s]."""
         square = 0.0
-        for d in ti.static(range(self.dim)):
-            half = 0.5 * self.dx * ti.Vector.unit(self.dim, d, ti.f32)
+        for d in range(self.dim):  # no static loop: each of its samples would be compiled
+            half = self._half(d)
             square += (self.wind.velocity(x + half, t) - self.wind.velocity(x - half, t)).norm_sqr()
         return ti.sqrt(square)
 
     @ti.func
-    def deviation(self, x: Template, t: float):
+    def deviation(self, x: Template, difference, t: float):
         """Return the standard deviation of the concentration [kg/m³] at point x [m] and time t [s]."""
         square = 0.0
-        for d in ti.static(range(self.dim)):
-            half = 0.5 * self.dx * ti.Vector.unit(self.dim, d, ti.f32)
+        for d in range(self.dim):
+            half = self._half(d)
             square += (self.gas.concentration(x + half, t) - self.gas.concentration(x - half, t)) ** 2
-        K = EDDIES * self.dx * self.difference(x, t)
+        K = EDDIES * self.dx * difference
         return ti.sqrt(square / MIXING * K / (K + self.diffusivity))
 
     @ti.func
-    def turnover(self, x: Template, v: Template, t: float):
+    def turnover(self, x: Template, v: Template, difference, t: float):
         """Return the rate [1/s] at which eddies of a cell pass a sensor at x [m] that moves with velocity v [m/s]."""
-        eddies = self.difference(x, t) / 2.0
-        return ((self.wind.velocity(x, t) - v).norm() + eddies) / self.dx
+        return ((self.wind.velocity(x, t) - v).norm() + difference / 2.0) / self.dx
+
+    @ti.func
+    def _half(self, d):
+        """Return the vector of half a cell [m] along axis d."""
+        half = ti.Vector.zero(ti.f32, self.dim)
+        for k in ti.static(range(self.dim)):
+            half[k] = ti.select(k == d, 0.5 * self.dx, 0.0)
+        return half

@@ -249,17 +249,18 @@ class Mixture:
         return result
 
     @ti.func
-    def deviation(self, x: Template, t: float):
-        """Return the standard deviation [ppm] of the unresolved fluctuations of each species, as a vector."""
+    def fluctuations(self, x: Template, v: Template, t: float):
+        """Return the standard deviation [ppm] of the unresolved fluctuations of each species at x [m], as a vector, and
+        the rate [1/s] at which a sensor that moves with velocity v [m/s] forgets them.
+        """
+        stirred = ti.static([self.unresolved[g] for g in self._stirred])
+        difference = stirred[0].difference(x, t)  # one wind stirs all gases
         square = ti.Vector.zero(ti.f32, ti.static(len(self.species)))
         for g in ti.static(self._stirred):
-            square[self._which[g]] += (self.unresolved[g].deviation(x, t) * self._ppm_per_density[g]) ** 2
-        return ti.sqrt(square)
-
-    @ti.func
-    def turnover(self, x: Template, v: Template, t: float):
-        """Return the rate [1/s] at which a sensor at x [m] with velocity v [m/s] forgets fluctuations."""
-        return self.unresolved[self._stirred[0]].turnover(x, v, t)
+            square[self._which[g]] += (
+                self.unresolved[g].deviation(x, difference, t) * self._ppm_per_density[g]
+            ) ** 2
+        return ti.sqrt(square), stirred[0].turnover(x, v, difference, t)
 
 
 @ti.func

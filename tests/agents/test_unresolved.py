@@ -59,8 +59,8 @@ def air(
 
 @ti.kernel
 def moments(gas: Template, x: ti.types.vector(2, ti.f32)) -> ti.types.vector(2, ti.f32):
-    still = ti.Vector([0.0, 0.0])
-    return ti.Vector([gas.deviation(x, 0.0).sum(), gas.turnover(x, still, 0.0)])
+    deviation, turnover = gas.fluctuations(x, ti.Vector([0.0, 0.0]), 0.0)
+    return ti.Vector([deviation.sum(), turnover])
 
 
 @pytest.mark.parametrize("cells", [20, 40])
