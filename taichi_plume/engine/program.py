@@ -1,5 +1,6 @@
 """Start of Taichi, and the cache of compiled kernels."""
 
+import atexit
 import contextlib
 import io
 import os
@@ -13,7 +14,7 @@ from taichi_plume.engine import kernels, tracing  # noqa: F401  it makes the tra
 from taichi_plume.engine.choice import DEFAULT
 from taichi_plume.engine.fields import on_cpu
 from taichi_plume.engine.library import CACHE_LOCK, NAME, PREFIX, impl, taichi
-from taichi_plume.engine.process import require_no_fork
+from taichi_plume.engine.process import ForkError, require_no_fork
 from taichi_plume.guard.input_error import InputError
 from taichi_plume.guard.terminal import LONGEST_VALUE, say, visible
 
@@ -71,6 +72,15 @@ def _restart(arch: object, debug: bool, threads: int | None) -> None:
             **_cache(),
             **checks,
         )
+
+
+@atexit.register
+def _store_kernels() -> None:
+    """Finish Taichi, which stores the compiled kernels: only a finished program does, and kernels keep it alive."""
+    with contextlib.suppress(ForkError):
+        require_no_fork()
+        if is_running():
+            impl.get_runtime().prog.finalize()
 
 
 def is_running() -> bool:

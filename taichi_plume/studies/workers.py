@@ -22,6 +22,7 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from math import ceil
 from multiprocessing import resource_tracker
+from multiprocessing.connection import wait
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 
 CONNECT_S = 10.0  # timeout of the connection to a scheduler, and of its file
 LARGEST_FILE = 1 << 20  # bytes of a scheduler file
+END_S = 10.0  # longest wait for idle worker processes to end
 LOOK_S = 1.0  # interval between checks of a scheduler's workers
 ENVIRONMENT = {
     **dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
@@ -109,14 +111,25 @@ class LocalWorkers:
             return self._executors[worker].submit(function, task)
 
     def close(self) -> None:
-        """Kill all worker processes at once, even in the middle of a run, and delete the log if empty."""
+        """End all worker processes, those in the middle of a run at once, and delete the log if empty.
+
+        Idle workers end by themselves, and thereby store the kernels that they have compiled.
+        """
         with ignoring_signals():
+            processes = []
             for executor in self._executors.values():
-                processes = vars(executor)["_processes"] or {}  # `kill_workers` of Python 3.14
-                for process in list(processes.values()):
+                inner = vars(executor)
+                own = list((inner["_processes"] or {}).values())  # `kill_workers` of Python 3.14
+                if inner["_pending_work_items"]:
+                    for process in own:
+                        process.kill()
+                executor.shutdown(wait=False, cancel_futures=True)
+                processes += own
+            end = time.monotonic() + END_S
+            for process in processes:
+                if not wait([process.sentinel], max(0.0, end - time.monotonic())):
                     process.kill()
-            for executor in self._executors.values():
-                executor.shutdown(cancel_futures=True)
+                    wait([process.sentinel])
             with suppress(OSError):
                 if not self._log.stat().st_size:
                     self._log.unlink()

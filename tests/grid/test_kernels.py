@@ -111,3 +111,15 @@ def test_kernels_run_and_the_process_ends_well_without_a_home(home):
     command = [sys.executable, "-c", KERNEL]
     done = subprocess.run(command, env=rest | home, capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stdout) == (0, "3\n"), done.stderr
+
+
+def test_kernels_that_a_process_compiled_are_stored_at_its_end(tmp_path):
+    """Also while garbage that is no longer collected refers to the program of Taichi, as after a run."""
+    code = "import gc, taichi_plume as tp; sim = tp.Simulation('gaussian'); sim.run(until=0.2); gc.freeze()"
+    command = [sys.executable, "-c", code]
+    stored = []
+    for _ in range(2):
+        subprocess.run(command, env=os.environ | {FOLDER: str(tmp_path)}, check=True)
+        stored.append({file.name: file.stat().st_mtime_ns for file in tmp_path.glob("*.tic")})
+    assert stored[0]
+    assert stored[1] == stored[0]
