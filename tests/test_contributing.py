@@ -1,6 +1,7 @@
 """What CONTRIBUTING.md says of how few files know a kind: counted for every kind there is."""
 
 import ast
+from functools import cache
 from pathlib import Path
 from typing import Any, get_args
 
@@ -39,11 +40,13 @@ def words(path: Path) -> set[str]:
     return found
 
 
-WORDS = {str(path.relative_to(ROOT)): words(path) for room in ROOMS for path in room.rglob("*.py")}
+@cache
+def words_of_files() -> dict[str, set[str]]:
+    return {str(path.relative_to(ROOT)): words(path) for room in ROOMS for path in room.rglob("*.py")}
 
 
 def files_with(*several: str) -> set[str]:
-    return {path for path, found in WORDS.items() if not found.isdisjoint(several)}
+    return {path for path, found in words_of_files().items() if not found.isdisjoint(several)}
 
 
 def members(union: Any) -> list[type]:

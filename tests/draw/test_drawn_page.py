@@ -7,6 +7,7 @@ import re
 from base64 import b64encode
 from contextlib import suppress
 from hashlib import sha256
+from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -173,18 +174,17 @@ SECTIONS = {
 }
 
 
+ITEMS = ["null", "3", "[2]", "{kind: 5}", "{kind: inlet, face: q}", "{position: [1]}"]
+
+
 @pytest.mark.parametrize("section", SECTIONS)
-@pytest.mark.parametrize(
-    "item", ["null", "3", "[2]", "{kind: 5}", "{kind: inlet, face: q}", "{position: [1]}"]
-)
-@pytest.mark.parametrize("size", ["[4, 3]", "[4, 3, 2]"])
-def test_sections_with_mistakes_leave_the_page_alive(tmp_path, section, item, size):
-    _, page = opened(tmp_path)
-    page._typed(f"domain: {{size: {size}, spacing: 0.1}}\n{section}: {SECTIONS[section] % item}\n")
-    page.choose(page.scene.things[-1].path)
-    page.workplace.found(*page.workplace.check())
-    assert page.remarks.text.count(" error</b>") >= 1
-    assert "missing key" in page.size.text
+def test_sections_with_mistakes_leave_the_page_alive(page, section):
+    for size, item in product(("[4, 3]", "[4, 3, 2]"), ITEMS):
+        page._typed(f"domain: {{size: {size}, spacing: 0.1}}\n{section}: {SECTIONS[section] % item}\n")
+        page.choose(page.scene.things[-1].path)
+        page.workplace.found(*page.workplace.check())
+        assert page.remarks.text.count(" error</b>") >= 1, item
+        assert "missing key" in page.size.text, item
 
 
 def test_texts_are_shown_as_they_are_and_never_as_html(tmp_path):

@@ -217,6 +217,7 @@ def served_until_killed(folder: Path, *moves: str) -> None:
         process.communicate()
 
 
+@pytest.mark.slow
 def test_a_server_killed_at_any_answer_loses_no_text(place, tmp_path):
     """By SIGKILL of processes: edits, edits while the question stands, both answers, and edits after these."""
     first, second, third = (f"{ROOM}# {n}\n" for n in ("first", "second", "third"))

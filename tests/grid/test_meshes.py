@@ -217,7 +217,7 @@ def ball(n=48, radius=0.45):
     return np.concatenate([first, second])
 
 
-@pytest.mark.parametrize("lost", [1, 30, 150])
+@pytest.mark.parametrize("lost", [1, 30, pytest.param(150, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("facing", ["outwards", "inwards", "at random"])
 def test_a_sphere_with_holes_is_the_sphere(tmp_path, lost, facing):
     random = np.random.default_rng(lost)
