@@ -259,7 +259,8 @@ class Store:
         """Return why another shard could not solve an air; "" if none has failed. Raises StoreError."""
         file = self.airs / f"{air}.json"
         shared = self.claims is not None and air in self.claims.common
-        return _air_record(file).message if shared and file.exists() else ""
+        record = _air_record(file) if shared else None
+        return record.message if record is not None else ""
 
     def forget_failures(self, airs: Collection[str]) -> None:
         """Delete the records of failed airs among `airs`, which are solved again. Raises StoreError."""
@@ -289,7 +290,13 @@ class Store:
 
         names: columns to read, at least `run` and `status`.
         """
-        parts = [_read(part, names) for part in self._files()]
+        files = self._files()
+        try:
+            parts = [_read(part, names) for part in files]
+        except StoreError:
+            if all(part.exists() for part in files):
+                raise
+            return self.table(names)  # a merge has replaced the files meanwhile
         table = pa.concat_tables([_SCHEMA.empty_table().select(names), *parts])
         runs, statuses = table["run"].to_pylist(), table["status"].to_pylist()
         rows: dict[str, int] = {}
@@ -312,7 +319,8 @@ class Store:
 
     def air_records(self) -> list[AirRecord]:
         """Return the records of airs (flow and gas that runs share), sorted by file name. Raises StoreError."""
-        return [_air_record(file) for file in sorted(self.airs.glob("*.json"))]
+        records = (_air_record(file) for file in sorted(self.airs.glob("*.json")))
+        return [record for record in records if record is not None]
 
     def _files(self) -> list[Path]:
         """Return the Parquet files of run records, oldest first. Raises StoreError if there are other files."""
@@ -329,9 +337,12 @@ def _number(part: Path) -> int:
     return int(part.name.partition(".")[0])
 
 
-def _air_record(file: Path) -> AirRecord:
+def _air_record(file: Path) -> AirRecord | None:
+    """Return the record of an air; None if there is none, as another shard may just have deleted it."""
     try:
         return AirRecord(**json.loads(read_regular(file, LARGEST_RECORD)))
+    except FileNotFoundError:
+        return None
     except (OSError, ValueError, TypeError, RecursionError):
         raise StoreError(f"{file}: is damaged; remove it") from None
 

@@ -21,12 +21,15 @@ from test_campaign import finish, parts, start, study, until
 import taichi_plume as tp
 from taichi_plume.cli.study import main
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.studies import air_plan
+from taichi_plume.studies import air_plan, tables
+from taichi_plume.studies import store as store_module
 from taichi_plume.studies.job_queue import JobQueue
-from taichi_plume.studies.messages import Cost, Record
+from taichi_plume.studies.messages import AirRecord, Cost, Record
 from taichi_plume.studies.shards import STALE_S, Claims, Heart, Shard, parts_of, shard_of
 from taichi_plume.studies.store import Store, StoreError
+from taichi_plume.studies.study_run import publish
 
+COST = Cost(0.0, 0.0, 0.0, 0, "")
 POSIX = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 BY_NATURE = {"costs.parquet", "parts", "airs", "workers.log", ".lock", "begun.txt", "airs.txt", "films.txt"}
 
@@ -184,7 +187,7 @@ def test_a_folder_is_of_one_plan_and_one_number_of_shards(tmp_path, plan):
     with pytest.raises(StoreError, match="holds shards of another study"):
         begun(out, plan(11, 2), Shard(1, 3))
     with begun(tmp_path / "of_one", made) as store:
-        store.add([Record(made.requests[9].run, "completed", "", [], {}, Cost(0.0, 0.0, 0.0, 0, ""))])
+        store.add([Record(made.requests[9].run, "completed", "", [], {}, COST)])
     with pytest.raises(StoreError, match="add --force, without --shard"):
         begun(tmp_path / "of_one", plan(9, 2), Shard(1, 3))
     begun(tmp_path / "of_one", made, Shard(1, 3)).close()  # the refused study has begun no shards
@@ -216,6 +219,66 @@ def test_bad_input_is_one_line(tmp_path, monkeypatch, capsys, options, expected)
     assert expected in said.err
     assert (said.out + said.err).count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def recorded(folder: Path, plan: SimpleNamespace, count: int) -> None:
+    """All runs of a plan as `count` shards record them."""
+    for k, part in enumerate(parts_of(plan, count), 1):  # pyright: ignore[reportArgumentType]
+        with begun(folder, plan, Shard(k, count)) as store:
+            store.add([Record(one.run, "completed", "", [], {}, COST) for one in part.requests])
+
+
+def test_a_merge_replaces_records_while_they_are_read(tmp_path, plan, monkeypatch):
+    out, made = tmp_path / "out", plan(10, 2)
+    recorded(out, made, 3)
+    real = store_module._read
+
+    def read(part, names):
+        monkeypatch.setattr(store_module, "_read", real)
+        with Store(out) as store:
+            assert store.merge(made) == 3
+        assert not part.exists()
+        return real(part, names)
+
+    monkeypatch.setattr(store_module, "_read", read)
+    assert list(tp.open_study(out).runs()["status"]) == ["completed"] * 10
+    assert parts(out) == 1
+
+
+def test_tables_are_written_while_they_are_read(tmp_path, plan, monkeypatch):
+    out, made = tmp_path / "out", plan(10, 2)
+    recorded(out, made, 3)
+    publish(out, page=False)
+    real = tables.read
+
+    def read(path):
+        if path.name == tables.PLAN:
+            return real(path)
+        monkeypatch.setattr(tables, "read", real)
+        (out / "costs.parquet").unlink()
+        publish(out, page=False)
+        raise FileNotFoundError(2, "No such file or directory", str(path))
+
+    monkeypatch.setattr(tables, "read", read)
+    assert list(tp.open_study(out).runs()["status"]) == ["completed"] * 10
+
+
+def test_a_failed_air_is_forgotten_while_another_shard_reads(tmp_path, plan, monkeypatch):
+    """As two shards with --retry do that start at the same moment."""
+    out, made = tmp_path / "out", plan(10, 1)
+    with Store(out, Shard(1, 3), {"0000"}) as store:
+        store.begin(made)
+        store.add_air(AirRecord("0000", 0.0, 0, 0, "unstable"))
+        assert store.failure("0000") == "unstable"
+        real = store_module.read_regular
+
+        def read(file, *limit):
+            file.unlink()
+            return real(file, *limit)
+
+        monkeypatch.setattr(store_module, "read_regular", read)
+        store.forget_failures({"0000"})
+        assert store.failure("0000") == ""
 
 
 # ---------------------------------------------------------------- campaigns
