@@ -8,6 +8,7 @@ One process at a time writes to the folder, or one for each shard (`studies/shar
 import json
 import re
 import shutil
+import time
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -31,6 +32,7 @@ PARTS, AIRS, KEPT_FOLDER, FAILED = "parts", "airs", "kept", "failed"
 FORMAT = "taichi_plume study 1"
 LARGEST_RECORD = 1 << 24  # most bytes of the record of an air
 DONE = ("completed", "stopped")
+WAIT_S = 0.5  # between looks whether a merge has ended
 
 _PART = re.compile(r"(\d{6,})(\.\d+-of-\d+)?\.parquet")  # of a shard, if the second group is there
 _SCORES = pa.struct([(field.name, field.type) for field in columns.TRIAL])
@@ -86,10 +88,14 @@ class Store:
     def begin(self, plan: "Plan", force: bool = False) -> None:
         """Lock the study's folder and prepare it for the runs of a plan. Existing records of the plan's runs stay.
 
-        force: remove runs that are not in the plan. Raises StoreError, also if another process has locked the folder,
-        and OSError if the disk is full.
+        force: remove runs that are not in the plan. A shard waits while its study is merged. Raises StoreError, also if
+        another process has locked the folder, and OSError if the disk is full.
         """
-        heart = self._hold()
+        heart, end = self._hold(), time.monotonic() + STALE_S
+        while self.shard and self.running(heart, [own_folder.LOCK]) and time.monotonic() < end:
+            self.close()  # a merge is probably running, which may delete the locks of shards
+            time.sleep(WAIT_S)
+            heart = self._hold()
         try:
             if self.shard is not None:
                 self._require_alone(heart, [own_folder.LOCK])
@@ -135,6 +141,7 @@ class Store:
             tables.write(self.parts / f"{self._free():06d}.parquet", table)
             for file in (*files, *(file for file in self.airs.iterdir() if file.suffix != ".json")):
                 disk.discard(file)
+                heart.beat()
             self._end_shards()
         return count
 

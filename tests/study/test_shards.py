@@ -25,7 +25,7 @@ from taichi_plume.studies import air_plan, tables
 from taichi_plume.studies import store as store_module
 from taichi_plume.studies.job_queue import JobQueue
 from taichi_plume.studies.messages import AirRecord, Cost, Record
-from taichi_plume.studies.shards import STALE_S, Claims, Heart, Shard, parts_of, shard_of
+from taichi_plume.studies.shards import STALE_S, Claims, Heart, Shard, locks, parts_of, shard_of
 from taichi_plume.studies.store import Store, StoreError
 from taichi_plume.studies.study_run import publish
 
@@ -53,7 +53,21 @@ def test_the_shard_of_an_option_or_a_job_array(given, environment, expected):
 
 
 @pytest.mark.parametrize(
-    "given", ["0/7", "8/7", "a/b", "3", "1/2/3", "-1/7", "1/5000", (1.0, 7), (0, 7), 3, "²/7"]
+    "given",
+    [
+        "0/7",
+        "8/7",
+        "a/b",
+        "3",
+        "1/2/3",
+        "-1/7",
+        "1/5000",
+        pytest.param(f"1/{'9' * 5000}", id="digits"),
+        (1.0, 7),
+        (0, 7),
+        3,
+        "²/7",
+    ],
 )
 def test_values_that_are_no_shard(given):
     with pytest.raises(InputError) as caught:
@@ -71,6 +85,8 @@ def test_values_that_are_no_shard(given):
         (array(ID="x", COUNT=7), "SLURM_ARRAY_TASK_ID: got x"),
         (array(ID=0, COUNT=7), "SLURM_ARRAY_TASK_ID: got 0"),
         (array(ID=8, COUNT=7), "SLURM_ARRAY_TASK_ID: got 8"),
+        pytest.param(array(ID="9" * 5000, COUNT=7), "SLURM_ARRAY_TASK_ID: got 9", id="digits"),
+        (array(ID=1, COUNT=5000), "SLURM_ARRAY_TASK_COUNT: got 5,000; at most 4,096"),
         (array(ID=2, COUNT=7, STEP=2), "SLURM_ARRAY_TASK_ID: got 2"),
         (array(ID=2, COUNT=7, STEP=0), "SLURM_ARRAY_TASK_STEP: got 0"),
     ],
@@ -175,7 +191,8 @@ def begun(folder: Path, plan: SimpleNamespace, shard: Shard | None = None) -> St
     return store
 
 
-def test_a_folder_is_of_one_plan_and_one_number_of_shards(tmp_path, plan):
+def test_a_folder_is_of_one_plan_and_one_number_of_shards(tmp_path, plan, monkeypatch):
+    monkeypatch.setattr(store_module, "STALE_S", 0.0)  # wait for no merge
     out, made = tmp_path / "out", plan(10, 2)
     with begun(out, made, Shard(1, 3)), begun(out, made, Shard(2, 3)):
         for shard, expected in ((Shard(3, 4), "made in 3 shards, got k/4"), (Shard(2, 3), "shard 2-of-3 is running"),
@@ -261,6 +278,26 @@ def test_tables_are_written_while_they_are_read(tmp_path, plan, monkeypatch):
 
     monkeypatch.setattr(tables, "read", read)
     assert list(tp.open_study(out).runs()["status"]) == ["completed"] * 10
+
+
+def test_a_shard_waits_for_a_merge(tmp_path, plan, monkeypatch):
+    out, made = tmp_path / "out", plan(10, 2)
+    recorded(out, made, 3)
+    merging = Store(out)
+    heart = merging._hold()
+
+    def sleep(_):
+        """Meanwhile the merge goes on, without a shard of its folder, and ends."""
+        assert not merging.running(heart, locks(out))
+        monkeypatch.undo()
+        merging.close()
+        with merging:
+            assert merging.merge(made) == 3
+
+    monkeypatch.setattr(store_module.time, "sleep", sleep)
+    with begun(out, made, Shard(1, 3)) as store:
+        store.beat()
+        assert locks(out) == [Shard(1, 3).lock]
 
 
 def test_a_failed_air_is_forgotten_while_another_shard_reads(tmp_path, plan, monkeypatch):
