@@ -239,8 +239,8 @@ def _failed(store: Store, failed: int, runs_of_part: "Collection[str]") -> list[
 
 
 def _require_allowed(plan: "Plan", settings: Settings) -> None:
-    """Raise ScenarioError if the study's scenarios name Python files and the option --allow-code is not given."""
-    if settings.allow_code:
+    """Raise ScenarioError if runs would execute Python files of scenarios and the option --allow-code is not given."""
+    if settings.allow_code or settings.merge:
         return
     files = _own_files([plan.base, *(request.changes for request in plan.requests)])
     if files:

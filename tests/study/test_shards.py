@@ -21,13 +21,14 @@ from test_campaign import finish, parts, start, study, until
 import taichi_plume as tp
 from taichi_plume.cli.study import main
 from taichi_plume.guard.input_error import InputError
+from taichi_plume.scenario.loading import ScenarioError
 from taichi_plume.studies import air_plan, tables
 from taichi_plume.studies import store as store_module
 from taichi_plume.studies.job_queue import JobQueue
 from taichi_plume.studies.messages import AirRecord, Cost, Record
 from taichi_plume.studies.shards import STALE_S, Claims, Heart, Shard, locks, parts_of, shard_of
 from taichi_plume.studies.store import Store, StoreError
-from taichi_plume.studies.study_run import publish
+from taichi_plume.studies.study_run import Settings, execute, publish
 
 COST = Cost(0.0, 0.0, 0.0, 0, "")
 POSIX = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
@@ -278,6 +279,15 @@ def test_tables_are_written_while_they_are_read(tmp_path, plan, monkeypatch):
 
     monkeypatch.setattr(tables, "read", read)
     assert list(tp.open_study(out).runs()["status"]) == ["completed"] * 10
+
+
+def test_a_merge_executes_no_code_of_the_user(tmp_path, plan):
+    out, made = tmp_path / "out", plan(10, 2)
+    made.base |= {"kind": "own", "file": "zigzag.py"}
+    recorded(out, made, 3)
+    with pytest.raises(ScenarioError, match="add --allow-code"):
+        execute(made, Settings(out, shard=Shard(1, 3), report=False))
+    assert execute(made, Settings(out, merge=True, report=False)).status == "completed"
 
 
 def test_a_shard_waits_for_a_merge(tmp_path, plan, monkeypatch):
