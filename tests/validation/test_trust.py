@@ -130,7 +130,7 @@ def test_a_case_that_has_diverged_is_left_out_and_listed(name):
     for norm in result.get("norms", ()):
         norm["errors"] = dict.fromkeys(norm["errors"])
     for picture in result.get("pictures", {}).values():
-        lines = picture["lines"] if "lines" in picture else picture
+        lines = picture.get("lines", picture)
         lines |= {key: [None] * len(line) for key, line in lines.items() if isinstance(line, list)}
     assert collected(CASES, {name: result}) == {}
     listed = trust_picture._absent(CASES, {name: result}, {})
