@@ -115,12 +115,14 @@ def collected(
             parts = [part for part in comparisons(cases[name]) if part.quantity == quantity]
             exact = cases[name].evidence == "exact"
             sigma = 0.0 if exact else scale.sigma
-            pairs = [
-                pair for part in parts for pair in _pairs(part, result, sigma) if np.isfinite(pair).all()
-            ]
-            if not pairs:
+            found_pairs = [pair for part in parts for pair in _pairs(part, result, sigma)]
+            pairs = np.array(found_pairs, float).reshape(
+                -1, 3
+            )  # null, as not finite values are stored, is NaN
+            pairs = pairs[np.isfinite(pairs).all(axis=1)]
+            if not len(pairs):
                 continue
-            measured, computed, sigma = np.array(pairs, float).T
+            measured, computed, sigma = pairs.T
             if not scale.differences and min(measured.min(), computed.min()) <= 0.0:
                 raise ValueError(f"{name}: values of {quantity} must be positive, as their ratio counts")
             top = np.abs(measured).max() if scale.relative else 1.0

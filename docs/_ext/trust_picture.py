@@ -63,7 +63,9 @@ def write(folder: Path, cases: Mapping[str, Any], results: Mapping[str, Any]) ->
         for ending, page in zip(INK, ("light", "dark"), strict=True)
     )
     how = HOW.format(points=trust.POINTS)
-    return "\n".join([LEAD, *images, ABOUT, _table(collected), how, _speeds(speeds), _absent(cases, results)])
+    return "\n".join(
+        [LEAD, *images, ABOUT, _table(collected), how, _speeds(speeds), _absent(cases, results, collected)]
+    )
 
 
 def _statistics(quantity: Any, groups: Sequence[Any]) -> tuple[Any, list[str]]:
@@ -95,14 +97,21 @@ def _kept(groups: Sequence[Any]) -> str:
     return f"{kept} of {sum(len(group.measured) for group in groups)} as claimed"
 
 
-def _absent(cases: Mapping[str, Any], results: Mapping[str, Any]) -> str:
+def _absent(
+    cases: Mapping[str, Any], results: Mapping[str, Any], collected: Mapping[Any, Sequence[Any]]
+) -> str:
     """Measured and published cases that are not in the picture, with the reason."""
-    rows = [
-        f"- `{name}`: {case.compared if isinstance(case.compared, str) else 'not run'}"
+    shown = {group.case for groups in collected.values() for group in groups}
+    reasons = {
+        name: case.compared
+        if isinstance(case.compared, str)
+        else "no finite value"
+        if name in results
+        else "not run"
         for name, case in cases.items()
-        if case.evidence in ("measured", "published")
-        and (isinstance(case.compared, str) or name not in results)
-    ]
+        if case.evidence in ("measured", "published") and name not in shown
+    }
+    rows = [f"- `{name}`: {reason}" for name, reason in reasons.items()]
     return "\n".join(["<details><summary>Not in the picture, and why</summary>\n", *rows, "\n</details>\n"])
 
 

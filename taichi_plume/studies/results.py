@@ -81,10 +81,16 @@ class Results:
     def tables(self) -> files.Tables:
         """Arrow tables: read from the folder if they are up to date, else made from the records."""
         with _damage(self.folder):
+            written = files.written(self.folder)
             held = files.held(self.folder, files.state(self.folder))
-            return (
-                files.make_tables(self.plan, Store(self.folder).table()) if held is None else self._read(held)
-            )
+            if held is None:
+                return files.make_tables(self.plan, Store(self.folder).table())
+            try:
+                return self._read(held)
+            except RunFolderError:
+                if files.written(self.folder) == written:
+                    raise
+        return self.tables  # written again meanwhile
 
     def _read(self, held: int) -> files.Tables:
         made = []

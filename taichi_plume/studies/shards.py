@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from taichi_plume.studies.plan import Plan
 
 MOST_SHARDS = 4096
+MOST_DIGITS = 18  # of a whole number; `int` refuses thousands
 MOST_LISTED = 20  # shards with missing runs that are listed
 SHARDS = "shards.json"
 LOG = "workers.log"  # output of workers and, with --scheduler, of Dask
@@ -64,7 +65,7 @@ def shard_of(given: object, environment: Mapping[str, str] = os.environ) -> Shar
         return _of_array(environment)
     k, n = given if isinstance(given, tuple | list) and len(given) == 2 else (given, None)
     if isinstance(given, str) and given.count("/") == 1:
-        k, n = (int(text) if text.isascii() and text.isdigit() else text for text in given.split("/"))
+        k, n = (int(text) if _is_whole(text) else text for text in given.split("/"))
     whole = type(k) is int and type(n) is int
     if not (whole and 1 <= k <= n <= MOST_SHARDS):  # pyright: ignore[reportOperatorIssue]
         shown = visible(given, LONGEST_VALUE)
@@ -81,14 +82,22 @@ def _of_array(environment: Mapping[str, str]) -> Shard:
         text = environment.get(key, default)
         if text is None:
             raise InputError(f"shard: {key} is not set: this is no job array of SLURM; give k/n, such as 3/7")
-        if not (text.isascii() and text.isdigit()) or (name == "STEP" and not int(text)):
+        if not _is_whole(text) or (name == "STEP" and not int(text)):
             raise InputError(f"shard: {key}: got {visible(text, LONGEST_VALUE)}; allowed are whole numbers")
         found[name] = int(text)
+    if found["COUNT"] > MOST_SHARDS:
+        raise InputError(
+            f"shard: SLURM_ARRAY_TASK_COUNT: got {found['COUNT']:,}; at most {MOST_SHARDS:,} are allowed"
+        )
     steps, rest = divmod(found["ID"] - found["MIN"], found["STEP"])
-    if rest or not 0 <= steps < found["COUNT"] <= MOST_SHARDS:
+    if rest or not 0 <= steps < found["COUNT"]:
         tasks = f"{found['COUNT']} tasks from {found['MIN']} in steps of {found['STEP']}"
         raise InputError(f"shard: SLURM_ARRAY_TASK_ID: got {found['ID']}, of {tasks}; give k/n, such as 3/7")
     return Shard(steps + 1, found["COUNT"])
+
+
+def _is_whole(text: str) -> bool:
+    return text.isascii() and text.isdigit() and len(text) <= MOST_DIGITS
 
 
 # ---------------------------------------------------------------- partition

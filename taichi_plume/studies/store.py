@@ -8,6 +8,7 @@ One process at a time writes to the folder, or one for each shard (`studies/shar
 import json
 import re
 import shutil
+import time
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -31,6 +32,7 @@ PARTS, AIRS, KEPT_FOLDER, FAILED = "parts", "airs", "kept", "failed"
 FORMAT = "taichi_plume study 1"
 LARGEST_RECORD = 1 << 24  # most bytes of the record of an air
 DONE = ("completed", "stopped")
+WAIT_S = 0.5  # between looks whether a merge has ended
 
 _PART = re.compile(r"(\d{6,})(\.\d+-of-\d+)?\.parquet")  # of a shard, if the second group is there
 _SCORES = pa.struct([(field.name, field.type) for field in columns.TRIAL])
@@ -86,10 +88,14 @@ class Store:
     def begin(self, plan: "Plan", force: bool = False) -> None:
         """Lock the study's folder and prepare it for the runs of a plan. Existing records of the plan's runs stay.
 
-        force: remove runs that are not in the plan. Raises StoreError, also if another process has locked the folder,
-        and OSError if the disk is full.
+        force: remove runs that are not in the plan. A shard waits while its study is merged. Raises StoreError, also if
+        another process has locked the folder, and OSError if the disk is full.
         """
-        heart = self._hold()
+        heart, end = self._hold(), time.monotonic() + STALE_S
+        while self.shard and self.running(heart, [own_folder.LOCK]) and time.monotonic() < end:
+            self.close()  # a merge is probably running, which may delete the locks of shards
+            time.sleep(WAIT_S)
+            heart = self._hold()
         try:
             if self.shard is not None:
                 self._require_alone(heart, [own_folder.LOCK])
@@ -135,6 +141,7 @@ class Store:
             tables.write(self.parts / f"{self._free():06d}.parquet", table)
             for file in (*files, *(file for file in self.airs.iterdir() if file.suffix != ".json")):
                 disk.discard(file)
+                heart.beat()
             self._end_shards()
         return count
 
@@ -259,7 +266,8 @@ class Store:
         """Return why another shard could not solve an air; "" if none has failed. Raises StoreError."""
         file = self.airs / f"{air}.json"
         shared = self.claims is not None and air in self.claims.common
-        return _air_record(file).message if shared and file.exists() else ""
+        record = _air_record(file) if shared else None
+        return record.message if record is not None else ""
 
     def forget_failures(self, airs: Collection[str]) -> None:
         """Delete the records of failed airs among `airs`, which are solved again. Raises StoreError."""
@@ -289,7 +297,13 @@ class Store:
 
         names: columns to read, at least `run` and `status`.
         """
-        parts = [_read(part, names) for part in self._files()]
+        files = self._files()
+        try:
+            parts = [_read(part, names) for part in files]
+        except StoreError:
+            if all(part.exists() for part in files):
+                raise
+            return self.table(names)  # a merge has replaced the files meanwhile
         table = pa.concat_tables([_SCHEMA.empty_table().select(names), *parts])
         runs, statuses = table["run"].to_pylist(), table["status"].to_pylist()
         rows: dict[str, int] = {}
@@ -312,7 +326,8 @@ class Store:
 
     def air_records(self) -> list[AirRecord]:
         """Return the records of airs (flow and gas that runs share), sorted by file name. Raises StoreError."""
-        return [_air_record(file) for file in sorted(self.airs.glob("*.json"))]
+        records = (_air_record(file) for file in sorted(self.airs.glob("*.json")))
+        return [record for record in records if record is not None]
 
     def _files(self) -> list[Path]:
         """Return the Parquet files of run records, oldest first. Raises StoreError if there are other files."""
@@ -329,9 +344,12 @@ def _number(part: Path) -> int:
     return int(part.name.partition(".")[0])
 
 
-def _air_record(file: Path) -> AirRecord:
+def _air_record(file: Path) -> AirRecord | None:
+    """Return the record of an air; None if there is none, as another shard may just have deleted it."""
     try:
         return AirRecord(**json.loads(read_regular(file, LARGEST_RECORD)))
+    except FileNotFoundError:
+        return None
     except (OSError, ValueError, TypeError, RecursionError):
         raise StoreError(f"{file}: is damaged; remove it") from None
 

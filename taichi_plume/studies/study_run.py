@@ -228,7 +228,8 @@ def _failed(store: Store, failed: int, runs_of_part: "Collection[str]") -> list[
     rows = (row for row in table if row["status"] == "failed" and row["run"] in runs_of_part)
     messages = [(row["run"], row["message"]) for row in rows]
     runs = "1 run has failed" if failed == 1 else f"{failed:,} runs have failed"
-    where = f"all are listed in runs.parquet and lie in {store.folder / FAILED}"
+    listed = "all are listed in runs.parquet" + " after --merge" * (store.shard is not None)
+    where = f"{listed} and lie in {store.folder / FAILED}"
     lines = [f"{runs}; {where}; --retry (in Python: retry=True) executes them again"]
     lines += [f"  {run}: {message}" for run, message in messages[:MOST_FAILED]]
     return lines + ["  ..."] * (failed > MOST_FAILED)
@@ -238,8 +239,8 @@ def _failed(store: Store, failed: int, runs_of_part: "Collection[str]") -> list[
 
 
 def _require_allowed(plan: "Plan", settings: Settings) -> None:
-    """Raise ScenarioError if the study's scenarios name Python files and the option --allow-code is not given."""
-    if settings.allow_code:
+    """Raise ScenarioError if runs would execute Python files of scenarios and the option --allow-code is not given."""
+    if settings.allow_code or settings.merge:
         return
     files = _own_files([plan.base, *(request.changes for request in plan.requests)])
     if files:

@@ -9,6 +9,7 @@ all tables, from which readers see whether the tables are up to date (`studies/r
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -186,8 +187,9 @@ def state(folder: Path) -> str:
     """Return a hash of the data behind a study's tables: the plan, and names and sizes of the record files."""
     with open_regular(folder / PLAN) as plan:
         found = hashlib.file_digest(plan, "sha256")
-    for name, size in sorted((part.name, part.stat().st_size) for part in (folder / PARTS).glob("*.parquet")):
-        found.update(f"{name} {size}\n".encode())
+    for part in sorted((folder / PARTS).glob("*.parquet")):
+        with suppress(FileNotFoundError):  # replaced by a merge
+            found.update(f"{part.name} {part.stat().st_size}\n".encode())
     return found.hexdigest()
 
 
@@ -200,6 +202,14 @@ def held(folder: Path, made_of: str) -> int | None:
         return None
     there = (folder / RUNS).is_file() and (folder / TRIALS).is_dir()
     return int(metadata[HELD]) if there and metadata.get(MADE_OF) == made_of.encode() else None
+
+
+def written(folder: Path) -> tuple[int, int] | None:
+    """Return what identifies the costs table in a folder, which `publish` replaces; None if there is none."""
+    with suppress(OSError):
+        about = (folder / COSTS).stat()
+        return about.st_ino, about.st_mtime_ns
+    return None
 
 
 def _write_trials(folder: Path, names: Sequence[str], trials: pa.Table) -> None:

@@ -21,12 +21,16 @@ from test_campaign import finish, parts, start, study, until
 import taichi_plume as tp
 from taichi_plume.cli.study import main
 from taichi_plume.guard.input_error import InputError
-from taichi_plume.studies import air_plan
+from taichi_plume.scenario.loading import ScenarioError
+from taichi_plume.studies import air_plan, tables
+from taichi_plume.studies import store as store_module
 from taichi_plume.studies.job_queue import JobQueue
-from taichi_plume.studies.messages import Cost, Record
-from taichi_plume.studies.shards import STALE_S, Claims, Heart, Shard, parts_of, shard_of
+from taichi_plume.studies.messages import AirRecord, Cost, Record
+from taichi_plume.studies.shards import STALE_S, Claims, Heart, Shard, locks, parts_of, shard_of
 from taichi_plume.studies.store import Store, StoreError
+from taichi_plume.studies.study_run import Settings, execute, publish
 
+COST = Cost(0.0, 0.0, 0.0, 0, "")
 POSIX = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 BY_NATURE = {"costs.parquet", "parts", "airs", "workers.log", ".lock", "begun.txt", "airs.txt", "films.txt"}
 
@@ -50,7 +54,21 @@ def test_the_shard_of_an_option_or_a_job_array(given, environment, expected):
 
 
 @pytest.mark.parametrize(
-    "given", ["0/7", "8/7", "a/b", "3", "1/2/3", "-1/7", "1/5000", (1.0, 7), (0, 7), 3, "²/7"]
+    "given",
+    [
+        "0/7",
+        "8/7",
+        "a/b",
+        "3",
+        "1/2/3",
+        "-1/7",
+        "1/5000",
+        pytest.param(f"1/{'9' * 5000}", id="digits"),
+        (1.0, 7),
+        (0, 7),
+        3,
+        "²/7",
+    ],
 )
 def test_values_that_are_no_shard(given):
     with pytest.raises(InputError) as caught:
@@ -68,6 +86,8 @@ def test_values_that_are_no_shard(given):
         (array(ID="x", COUNT=7), "SLURM_ARRAY_TASK_ID: got x"),
         (array(ID=0, COUNT=7), "SLURM_ARRAY_TASK_ID: got 0"),
         (array(ID=8, COUNT=7), "SLURM_ARRAY_TASK_ID: got 8"),
+        pytest.param(array(ID="9" * 5000, COUNT=7), "SLURM_ARRAY_TASK_ID: got 9", id="digits"),
+        (array(ID=1, COUNT=5000), "SLURM_ARRAY_TASK_COUNT: got 5,000; at most 4,096"),
         (array(ID=2, COUNT=7, STEP=2), "SLURM_ARRAY_TASK_ID: got 2"),
         (array(ID=2, COUNT=7, STEP=0), "SLURM_ARRAY_TASK_STEP: got 0"),
     ],
@@ -172,7 +192,8 @@ def begun(folder: Path, plan: SimpleNamespace, shard: Shard | None = None) -> St
     return store
 
 
-def test_a_folder_is_of_one_plan_and_one_number_of_shards(tmp_path, plan):
+def test_a_folder_is_of_one_plan_and_one_number_of_shards(tmp_path, plan, monkeypatch):
+    monkeypatch.setattr(store_module, "STALE_S", 0.0)  # wait for no merge
     out, made = tmp_path / "out", plan(10, 2)
     with begun(out, made, Shard(1, 3)), begun(out, made, Shard(2, 3)):
         for shard, expected in ((Shard(3, 4), "made in 3 shards, got k/4"), (Shard(2, 3), "shard 2-of-3 is running"),
@@ -184,7 +205,7 @@ def test_a_folder_is_of_one_plan_and_one_number_of_shards(tmp_path, plan):
     with pytest.raises(StoreError, match="holds shards of another study"):
         begun(out, plan(11, 2), Shard(1, 3))
     with begun(tmp_path / "of_one", made) as store:
-        store.add([Record(made.requests[9].run, "completed", "", [], {}, Cost(0.0, 0.0, 0.0, 0, ""))])
+        store.add([Record(made.requests[9].run, "completed", "", [], {}, COST)])
     with pytest.raises(StoreError, match="add --force, without --shard"):
         begun(tmp_path / "of_one", plan(9, 2), Shard(1, 3))
     begun(tmp_path / "of_one", made, Shard(1, 3)).close()  # the refused study has begun no shards
@@ -216,6 +237,95 @@ def test_bad_input_is_one_line(tmp_path, monkeypatch, capsys, options, expected)
     assert expected in said.err
     assert (said.out + said.err).count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def recorded(folder: Path, plan: SimpleNamespace, count: int) -> None:
+    """All runs of a plan as `count` shards record them."""
+    for k, part in enumerate(parts_of(plan, count), 1):  # pyright: ignore[reportArgumentType]
+        with begun(folder, plan, Shard(k, count)) as store:
+            store.add([Record(one.run, "completed", "", [], {}, COST) for one in part.requests])
+
+
+def test_a_merge_replaces_records_while_they_are_read(tmp_path, plan, monkeypatch):
+    out, made = tmp_path / "out", plan(10, 2)
+    recorded(out, made, 3)
+    real = store_module._read
+
+    def read(part, names):
+        monkeypatch.setattr(store_module, "_read", real)
+        with Store(out) as store:
+            assert store.merge(made) == 3
+        assert not part.exists()
+        return real(part, names)
+
+    monkeypatch.setattr(store_module, "_read", read)
+    assert list(tp.open_study(out).runs()["status"]) == ["completed"] * 10
+    assert parts(out) == 1
+
+
+def test_tables_are_written_while_they_are_read(tmp_path, plan, monkeypatch):
+    out, made = tmp_path / "out", plan(10, 2)
+    recorded(out, made, 3)
+    publish(out, page=False)
+    real = tables.read
+
+    def read(path):
+        if path.name == tables.PLAN:
+            return real(path)
+        monkeypatch.setattr(tables, "read", real)
+        (out / "costs.parquet").unlink()
+        publish(out, page=False)
+        raise FileNotFoundError(2, "No such file or directory", str(path))
+
+    monkeypatch.setattr(tables, "read", read)
+    assert list(tp.open_study(out).runs()["status"]) == ["completed"] * 10
+
+
+def test_a_merge_executes_no_code_of_the_user(tmp_path, plan):
+    out, made = tmp_path / "out", plan(10, 2)
+    made.base |= {"kind": "own", "file": "zigzag.py"}
+    recorded(out, made, 3)
+    with pytest.raises(ScenarioError, match="add --allow-code"):
+        execute(made, Settings(out, shard=Shard(1, 3), report=False))
+    assert execute(made, Settings(out, merge=True, report=False)).status == "completed"
+
+
+def test_a_shard_waits_for_a_merge(tmp_path, plan, monkeypatch):
+    out, made = tmp_path / "out", plan(10, 2)
+    recorded(out, made, 3)
+    merging = Store(out)
+    heart = merging._hold()
+
+    def sleep(_):
+        """Meanwhile the merge goes on, without a shard of its folder, and ends."""
+        assert not merging.running(heart, locks(out))
+        monkeypatch.undo()
+        merging.close()
+        with merging:
+            assert merging.merge(made) == 3
+
+    monkeypatch.setattr(store_module.time, "sleep", sleep)
+    with begun(out, made, Shard(1, 3)) as store:
+        store.beat()
+        assert locks(out) == [Shard(1, 3).lock]
+
+
+def test_a_failed_air_is_forgotten_while_another_shard_reads(tmp_path, plan, monkeypatch):
+    """As two shards with --retry do that start at the same moment."""
+    out, made = tmp_path / "out", plan(10, 1)
+    with Store(out, Shard(1, 3), {"0000"}) as store:
+        store.begin(made)
+        store.add_air(AirRecord("0000", 0.0, 0, 0, "unstable"))
+        assert store.failure("0000") == "unstable"
+        real = store_module.read_regular
+
+        def read(file, *limit):
+            file.unlink()
+            return real(file, *limit)
+
+        monkeypatch.setattr(store_module, "read_regular", read)
+        store.forget_failures({"0000"})
+        assert store.failure("0000") == ""
 
 
 # ---------------------------------------------------------------- campaigns

@@ -1,7 +1,14 @@
 """Command of the GPU benchmark: rows in processes of their own, limits, and what remains of a row that fails."""
 
 import json
+import os
+import signal
+import subprocess
+import threading
+import time
+from pathlib import Path
 
+import psutil
 import pytest
 
 from taichi_plume.validation.benchmark import gpu
@@ -18,6 +25,9 @@ if options["kind"] == "memory":
     sys.exit("out of memory")
 if options["kind"] == "slow":
     print('{"half a li', end="", flush=True)
+    with open(__file__ + ".new", "w") as file:
+        file.write(str(os.getpid()))
+    os.rename(file.name, __file__ + ".pid")
     time.sleep(60)
 print(json.dumps({"launches": 7, "kernels": {"_copy": {"launches": 7.0}}}))
 """
@@ -34,7 +44,25 @@ def stand_in(monkeypatch, tmp_path):
     return tmp_path / "figures.jsonl"
 
 
-def test_rows_that_fail_are_reported_and_the_others_go_on(stand_in, capsys):
+class Patient(subprocess.Popen):
+    """Process whose time begins when the slow row has printed its line, however busy the machine is."""
+
+    def wait(self, timeout=None):
+        if timeout == 1.0:
+            pid_of(Path(self.args[2]))  # pyright: ignore[reportArgumentType, reportIndexIssue]
+        return super().wait(timeout)
+
+
+def pid_of(program: Path) -> int:
+    """Id of the process of a slow row, as soon as the row has printed its line."""
+    file = Path(f"{program}.pid")
+    while not file.exists():
+        time.sleep(0.02)
+    return int(file.read_text())
+
+
+def test_rows_that_fail_are_reported_and_the_others_go_on(stand_in, monkeypatch, capsys):
+    monkeypatch.setattr(gpu.subprocess, "Popen", Patient)
     order = ["crash", "slow", "memory", "good"]
     assert main(["gpu", "--arch", "cpu", "--json", str(stand_in), "--rows", *order]) == 1
     lines = [json.loads(line) for line in stand_in.read_text().splitlines()]
@@ -55,13 +83,32 @@ def test_rows_that_fail_are_reported_and_the_others_go_on(stand_in, capsys):
 
 
 def test_rows_without_time_left_are_dropped_and_named(stand_in, monkeypatch, capsys):
-    monkeypatch.setattr(gpu, "LEAST", 0.5)
+    monkeypatch.setattr(gpu, "LEAST", 1.0)
     monkeypatch.setitem(gpu.ROWS, "slow", Row("the slow row", "slow", 30.0))
-    arguments = ["--rows", "slow", "good", "memory", "--minutes", "0.02"]
+    arguments = ["--rows", "slow", "good", "memory", "--minutes", "0.05"]
     assert main(["gpu", "--arch", "cpu", "--json", str(stand_in), *arguments]) == 1
     (line,) = stand_in.read_text().splitlines()
-    assert json.loads(line)["error"] == "cut off after 1 s"  # of 0.02 min
+    assert json.loads(line)["error"] in ("cut off after 3 s", "cut off after 2 s")  # of 0.05 min
     assert "no time left for good, memory" in capsys.readouterr().out
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_row_and_shows_the_others(stand_in, monkeypatch, capsys, number):
+    monkeypatch.setitem(gpu.ROWS, "slow", Row("the slow row", "slow", 60.0))
+    program = stand_in.parent / "gpu_rows.py"
+
+    def interrupt():
+        pid_of(program)
+        os.kill(os.getpid(), number)
+
+    threading.Thread(target=interrupt, daemon=True).start()
+    assert main(["gpu", "--arch", "cpu", "--json", str(stand_in), "--rows", "good", "slow"]) == 130
+    assert not psutil.pid_exists(pid_of(program))
+    assert [json.loads(line)["row"] for line in stand_in.read_text().splitlines()] == ["good"]
+    said = capsys.readouterr()
+    assert "| the good row | 2.5 us per launch" in said.out.splitlines()[-1]
+    assert said.err == "interrupted\n"
 
 
 @pytest.mark.parametrize(
@@ -71,6 +118,7 @@ def test_rows_without_time_left_are_dropped_and_named(stand_in, monkeypatch, cap
         (["--minutes", "0"], ("--minutes", "0 is not above 0")),
         (["--arch", "abacus"], ("--arch", "abacus", "vulkan")),
         (["--json", "/nowhere/figures.jsonl"], ("--json", "/nowhere/figures.jsonl")),
+        (["--checkout", "/nowhere"], ("--checkout", "/nowhere", "no package")),
     ],
 )
 def test_wrong_arguments_are_refused_in_a_line(arguments, parts, capsys):
@@ -82,7 +130,7 @@ def test_wrong_arguments_are_refused_in_a_line(arguments, parts, capsys):
 
 
 def test_more_cells_than_fit_into_the_memory_are_refused(monkeypatch, tmp_path):
-    row = Row("steps", "steps", 60.0, {"shape": (100_000, 10_000, 10_000), "seconds": 0.1})
+    row = Row("steps", "steps", 600.0, {"shape": (100_000, 10_000, 10_000), "seconds": 0.1})
     monkeypatch.setattr(gpu, "ROWS", {"huge": row})
     monkeypatch.setattr(gpu, "TWICE", ())
     file = tmp_path / "figures.jsonl"
@@ -104,11 +152,11 @@ def test_rows_of_small_size_are_measured(monkeypatch, tmp_path):
         "agreement": {"steps": 2, "robots": 10},
         "tests": {"tests": ["grid/test_rng.py"]},
     }
-    rows = {kind: Row(kind, kind, 100.0, options) for kind, options in kinds.items()}
+    rows = {kind: Row(kind, kind, 600.0, options) for kind, options in kinds.items()}
     monkeypatch.setattr(gpu, "ROWS", rows)
     monkeypatch.setattr(gpu, "TWICE", ())
     file = tmp_path / "figures.jsonl"
-    assert main(["gpu", "--arch", "cpu", "--json", str(file)]) == 0
+    assert main(["gpu", "--arch", "cpu", "--json", str(file), "--minutes", "60"]) == 0
     found = {line["row"]: line for line in map(json.loads, file.read_text().splitlines())}
     assert found.keys() == kinds.keys()
     assert found["device"]["copy GB/s"] > 0.1

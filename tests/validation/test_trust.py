@@ -121,6 +121,22 @@ def test_values_that_are_not_finite_are_left_out():
     assert np.isfinite(rest.computed).all()
 
 
+@pytest.mark.parametrize("name", [name for name in RESULTS if comparisons(CASES[name])])
+def test_a_case_that_has_diverged_is_left_out_and_listed(name):
+    """A report stores what is not finite as null."""
+    result = json.loads(json.dumps(RESULTS[name]))
+    for row in result.get("rows", ()):
+        row["mean"] = None
+    for norm in result.get("norms", ()):
+        norm["errors"] = dict.fromkeys(norm["errors"])
+    for picture in result.get("pictures", {}).values():
+        lines = picture.get("lines", picture)
+        lines |= {key: [None] * len(line) for key, line in lines.items() if isinstance(line, list)}
+    assert collected(CASES, {name: result}) == {}
+    listed = trust_picture._absent(CASES, {name: result}, {})
+    assert (f"`{name}`: no finite value" in listed) == (CASES[name].evidence in ("measured", "published"))
+
+
 def test_every_measured_or_published_case_is_in_the_picture_or_says_why_not():
     for name, case in CASES.items():
         if case.evidence in ("measured", "published"):

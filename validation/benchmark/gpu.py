@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from taichi_plume.engine.choice import chosen
+from taichi_plume.execution.signals import handling_signals
 from taichi_plume.guard.terminal import Parser, say
 
 HERE = Path(__file__).resolve().parent
@@ -167,16 +168,19 @@ def _compile_all(args: argparse.Namespace, limit: float) -> None:
     short = {"seconds": 0.1, "span": (0.1, 0.3), "robots": 1000}
     started = [Process(name, ROWS[name], args, limit, **short) for name in COLD]
     end = time.monotonic() + limit
-    for process in started:
-        process.limit = max(0.0, end - time.monotonic())
-        process.figures()
+    try:
+        for process in started:
+            process.limit = max(0.0, end - time.monotonic())
+            process.figures()
+    finally:
+        for process in started:
+            process.end()
 
 
-def measure(args: argparse.Namespace) -> dict[str, Figures]:
-    """Measure the rows one after the other, print and write each, and return the figures by row."""
+def measure(args: argparse.Namespace, results: dict[str, Figures]) -> None:
+    """Measure the rows one after the other, print and write each, and add the figures by row to `results`."""
     known, begin = rows(), time.monotonic()
     names = args.rows or list(known)
-    results: dict[str, Figures] = {}
 
     def left() -> float:
         return 60.0 * args.minutes - (time.monotonic() - begin)
@@ -196,7 +200,6 @@ def measure(args: argparse.Namespace) -> dict[str, Figures]:
             line = {"row": name, "arch": args.arch, "seconds": round(took, 1)}
             file.write(json.dumps(line | results[name]) + "\n")
             file.flush()
-    return results
 
 
 def _lines(name: str, figures: Figures, took: float) -> list[str]:
@@ -229,7 +232,7 @@ def table(results: dict[str, Figures]) -> list[str]:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Measure the rows of the GPU benchmark and return the exit code: 1 if a row has failed."""
+    """Measure the rows of the GPU benchmark and return the exit code: 1 if a row has failed, 130 if interrupted."""
     parser = Parser(
         prog="python -m taichi_plume.validation.benchmark gpu",
         description=__doc__,
@@ -249,9 +252,19 @@ def main(arguments: Sequence[str]) -> int:
         parser.error(f"argument --minutes: {args.minutes:g} is not above 0")
     args.json = args.json or Path(f"gpu_{args.arch}.jsonl")
     args.checkout = args.checkout.resolve()
+    if args.checkout != ROOT and not (args.checkout / "taichi_plume" / "__init__.py").is_file():
+        parser.error(f"argument --checkout: {args.checkout} holds no package taichi_plume")
+    results: dict[str, Figures] = {}
     try:
-        results = measure(args)
+        with handling_signals():
+            measure(args, results)
+        interrupted = False
+    except KeyboardInterrupt:
+        interrupted = True
     except OSError as error:
         parser.error(f"argument --json: {args.json} cannot be written ({error.strerror})")
     say(*table(results), longest=None)
+    if interrupted:
+        say("interrupted", error=True)
+        return 130
     return int(any("error" in figures for figures in results.values()))
