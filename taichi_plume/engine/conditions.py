@@ -1,9 +1,11 @@
 """Steps from a part to what it holds, and conditions on what they find, by which a compiled kernel is chosen."""
 
 import enum
+import re
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -70,6 +72,20 @@ def raw(function: Any) -> types.FunctionType:
 def code(function: Any) -> types.CodeType:
     """Return the code of a function or method."""
     return raw(getattr(function, "__func__", function)).__code__
+
+
+def name_in_source(functions: Iterable[Any]) -> str:
+    """Return an identifier of functions by their files and names, such as ``flow__net_inflow__ghosts__fill``.
+
+    Of more than three functions it has the first two and the number of the others.
+    """
+    codes = dict.fromkeys((Path(c.co_filename).stem, c.co_name) for c in map(code, functions))
+    files, words = [""], []
+    for file, function in list(codes)[: 3 if len(codes) == 3 else 2]:
+        words += [function] if file == files[-1] else [file, function]
+        files.append(file)
+    words += [f"{len(codes) - 2}_more"] if len(codes) > 3 else []
+    return re.sub(r"\W|^(?=\d)", "_", "__".join(word.strip("_") for word in words), flags=re.ASCII)
 
 
 def as_tuple(value: Any, _: Any) -> tuple:
