@@ -139,14 +139,14 @@ class WithKeys:
 
 
 class LikeField:
-    """Condition on the type of the numbers, the components and the number and order of axes of a field."""
+    """Condition on type, components, number and order of axes of a field, and whether the field shares memory."""
 
     def __init__(self, field: ArrayField):
         self.like = self._kind(field)
 
     @staticmethod
     def _kind(field: ArrayField) -> tuple:
-        return field.dtype, field.n, len(field.shape), field.layout.first_axis_contiguous
+        return field.dtype, field.n, len(field.shape), field.layout.first_axis_contiguous, field.block is None
 
     def __call__(self, value: Any) -> bool:
         return isinstance(value, ArrayField) and self._kind(value) == self.like

@@ -11,7 +11,7 @@ import numpy as np
 from taichi_plume.engine import device_loops, process, replacements  # noqa: F401  change how Taichi builds kernels
 from taichi_plume.engine.arguments import declare_array, setter_of
 from taichi_plume.engine.conditions import name_in_source, same
-from taichi_plume.engine.fields import KINDS, SLACK, on_cpu
+from taichi_plume.engine.fields import KINDS, SLACK, on_cpu, settle
 from taichi_plume.engine.library import (
     AutodiffMode,
     KernelSyntaxError,
@@ -242,6 +242,7 @@ class Kernel:
         name: of the kernel in profiles, by default that of its function and file.
         """
         process.require_no_fork()
+        settle()
         if impl.get_runtime().prog is None:
             from taichi_plume.engine.program import start  # which imports this module
 
