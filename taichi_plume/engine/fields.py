@@ -35,6 +35,11 @@ def on_cpu() -> bool:
     return taichi.cfg.arch in (taichi.x64, taichi.arm64)
 
 
+def memory_is_shared() -> bool:
+    """Return whether `shared_memory` is shared; on a CPU all fields have their own memory."""
+    return not on_cpu()
+
+
 class Layout:
     """Shape of fields and the order of their axes in memory; fields with the same layout share index arithmetic."""
 
@@ -69,10 +74,10 @@ class ArrayField:
         beside = n if not self.apart else 0  # components that lie side by side
         self._memory = (self._count + SLACK, beside) if beside else (self._count + SLACK,)
         self.flat: np.ndarray | None = None
-        waits = _waiting is not None and not layout.first_axis_contiguous
+        waits = _waiting is not None and not layout.first_axis_contiguous and memory_is_shared()
         if on_cpu() or waits:
             self.flat = np.zeros(self._memory, KINDS[dtype])[: self._count]
-        if waits and not on_cpu():
+        if waits:
             _waiting.append(self)
         elif self.flat is None:
             length = self._memory[0]
@@ -183,8 +188,8 @@ _waiting: list[ArrayField] | None = None
 def shared_memory() -> Iterator[None]:
     """Context, or decorator of functions, in which new fields of a type share memory on a device.
 
-    Some devices give a kernel no more than 31 or 32 arrays, and each array costs time at each launch. On a CPU, and
-    where the first axis is contiguous, each field has its own memory.
+    Some devices give a kernel no more than 31 or 32 arrays, and each array costs time at each launch. Fields whose
+    first axis is contiguous have their own memory.
     """
     global _waiting
     if _waiting is not None:  # in another such context
@@ -198,20 +203,30 @@ def shared_memory() -> Iterator[None]:
         _waiting = None
 
 
+@contextmanager
+def own_memory() -> Iterator[None]:
+    """Context in which new fields have their own memory, also within `shared_memory`."""
+    global _waiting
+    before, _waiting = _waiting, None
+    try:
+        yield
+    finally:
+        _waiting = before
+
+
 def settle() -> None:
     """Give the new fields of `shared_memory` their place on the device, before kernels use them."""
-    global _waiting
     if not _waiting:
         return
     kinds: dict[Any, list[ArrayField]] = {}
     for field in _waiting:
         kinds.setdefault((field.dtype, field.n), []).append(field)
-    _waiting = None  # memory that is made now is that of a device
+    _waiting.clear()
     for (dtype, n), fields in kinds.items():
-        block = _filled(np.concatenate([field.flat for field in fields]), dtype, n)
+        with own_memory():
+            block = _filled(np.concatenate([field.flat for field in fields]), dtype, n)
         for field, end in zip(fields, accumulate(len(field.flat) for field in fields), strict=True):
             field._move_to(block, end - len(field.flat))
-    _waiting = []
 
 
 Field: TypeAlias = Any

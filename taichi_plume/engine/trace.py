@@ -154,7 +154,7 @@ class Trace:
         self.arguments["loaded", str(dtype)] = loaded.structure, loaded.compute, f"struct_{setter_of(dtype)}"
 
     def array(self, index: int, field: ArrayField) -> Any:
-        """Return the expression of an array argument for the field at a node, or for the memory that the field shares."""
+        """Return the expression of an array argument for the field at a node, or for the memory it shares."""
         if field.block is not None:
             node, field = ("block", index), field.block
             if node not in self.seen:

@@ -163,7 +163,7 @@ def test_other_numbers_compile_nothing(lab):
 
 def test_a_measurement_takes_few_arrays_on_a_device(lab, monkeypatch):
     """Metal gives a kernel 31 at most; those of this test's air stand for gas and wind."""
-    monkeypatch.setattr(fields, "on_cpu", lambda: False)
+    monkeypatch.setattr(fields, "memory_is_shared", lambda: True)
     lab.fit(**each_model())
     lab.measure()
     launches = vars(lab.sensors)["_bound"].values()
