@@ -223,10 +223,11 @@ def settle() -> None:
         kinds.setdefault((field.dtype, field.n), []).append(field)
     _waiting.clear()
     for (dtype, n), fields in kinds.items():
+        flats = [flat for field in fields if (flat := field.flat) is not None]
         with own_memory():
-            block = _filled(np.concatenate([field.flat for field in fields]), dtype, n)
-        for field, end in zip(fields, accumulate(len(field.flat) for field in fields), strict=True):
-            field._move_to(block, end - len(field.flat))
+            block = _filled(np.concatenate(flats), dtype, n)
+        for field, first in zip(fields, accumulate(map(len, flats), initial=0), strict=False):
+            field._move_to(block, first)
 
 
 Field: TypeAlias = Any
