@@ -15,7 +15,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from taichi_plume.agents.groups import GroupRange
-from taichi_plume.agents.tables import share_field
 from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import wrap
 from taichi_plume.grid.rng import normal4, stream_id
@@ -51,10 +50,10 @@ class Camera:
             rates[group.slice], delays[group.slice] = model.rate, model.delay
             noises[group.slice] = model.position_noise, model.position_noise, model.heading_scatter
             slots = max(slots, model.frames)
-        # number: of the robot in its group, among all possible trials
-        share_field(self, {"sees": (sees, True), "number": (numbers, True)}, ti.i32)
+        self.sees = ti.filled(sees, ti.i32)
+        self.number = ti.filled(numbers, ti.i32)  # of the robot in its group, among all possible trials
         self.stream = ti.filled(streams, ti.u32)
-        share_field(self, {"rate": (rates, True), "delay": (delays, True)}, ti.f64)  # 1/s, s
+        self.rate, self.delay = ti.filled(rates, ti.f64), ti.filled(delays, ti.f64)  # 1/s, s
         self.noise = ti.filled_vectors(noises)  # standard deviations of x, y [m] and heading [rad]
         self.turn_time = ti.filled(times, ti.f32)  # s
         self.frames = ti.vector_field(3, ti.f32, (count, slots))

@@ -17,7 +17,6 @@ import numpy as np
 
 from taichi_plume.agents.columns import Columns
 from taichi_plume.agents.groups import GroupRange
-from taichi_plume.agents.tables import share_field
 from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import cos_sin, wrap
 from taichi_plume.grid.rng import generator
@@ -56,7 +55,8 @@ class Flying(Columns):
             first[group.start : group.start + group.size] += _draw_rises(group, self.seed)
         self.first_altitude = ti.filled(first, ti.f32)
         self.altitude.copy_from(self.first_altitude)
-        share_field(self, {name: (self._each(value), True) for name, value in WINGS.items()}, ti.f32)
+        for name, value in WINGS.items():
+            setattr(self, name, ti.filled(self._each(value), ti.f32))
         self.source_height = ti.field(ti.f32, max(1, self.source_count))
         # lowest, highest point of walkers [m]
         self.spans = ti.filled_vectors(np.reshape([walker.span for walker in walkers], (-1, 2)))

@@ -12,6 +12,22 @@ from taichi_plume.grid.kernels import Template
 from taichi_plume.grid.rng import stream_id
 
 
+class OfGroup:
+    """View in kernels of a table with one row per group, indexed like a field over robots: ``x[n]`` or ``x[n, k]``.
+
+    All robots of a group share a row, so the table stays in the cache. group: field with each robot's row; None if
+    single.
+    """
+
+    def __init__(self, table: Field, group: Field | None):
+        self.table, self.group = table, group
+
+    def __getitem__(self, at: object) -> Field:
+        n, *rest = at if isinstance(at, tuple) else (at,)
+        row = 0 if self.group is None else self.group[n]
+        return self.table[(row, *rest)]
+
+
 def group_rows(sizes: Sequence[int]) -> Field | None:
     """Return a field with the group index of each robot, for groups of these sizes; None with fewer than two groups."""
     if len(sizes) < 2:

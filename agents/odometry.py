@@ -19,7 +19,6 @@ import numpy as np
 
 from taichi_plume.agents.columns import Columns
 from taichi_plume.agents.groups import GroupRange
-from taichi_plume.agents.tables import share_field
 from taichi_plume.engine import ti
 from taichi_plume.grid.elementary import cos_sin, turned, wrap
 from taichi_plume.grid.rng import normal4, stream_id
@@ -45,8 +44,10 @@ class Odometry:
             errs[group.slice] = 1
             numbers[group.slice] = group.first + np.arange(group.size)
             streams[group.slice] = stream_id(f"group {group.number}/odometry")
-        # number: of the robot in its group, among all possible trials
-        share_field(self, {"errs": (errs, True), "number": (numbers, True)}, ti.i32)
+        self.errs = ti.filled(errs, ti.i32)
+        self.number = ti.filled(
+            numbers, ti.i32
+        )  # number of the robot in its group, among all possible trials
         self.stream = ti.filled(streams, ti.u32)
         self.kept = ti.filled_vectors(errors)  # a, b [1], c [rad/m]
         self.variances = ti.filled_vectors(variances)  # k1 [rad], k2 [rad²/m], k3 [m], k4 [m²/rad]

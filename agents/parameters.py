@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.agents.groups import GroupRange
-from taichi_plume.agents.members import Members
-from taichi_plume.agents.tables import share_field
+from taichi_plume.agents.members import Members, OfGroup
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
 
@@ -24,10 +23,10 @@ class Parameters:
     stream is a parameter named by the keyword.
     """
 
+    @ti.shared_memory()
     def __init__(self, members: Members, numbers: Callable[[GroupRange], Numbers], **streams: str):
         groups = [(group, numbers(group)) for group in members.groups]
         self._largest: dict[str, float] = {}
-        tables: dict[Any, dict[str, tuple[np.ndarray, bool]]] = {}
         for name, first in groups[0][1].items():
             values = [each[name] for _, each in groups]
             width, differ = _width(values), any(isinstance(value, np.ndarray) for value in values)
@@ -36,13 +35,15 @@ class Parameters:
                 for (group, _), value in zip(groups, values, strict=True)
             ]
             is_real = np.issubdtype(np.asarray(first).dtype, np.floating)
-            of_type = tables.setdefault(ti.f32 if is_real else ti.i32, {})
-            of_type[name] = np.concatenate(rows), differ
+            self._put(name, ti.f32 if is_real else ti.i32, np.concatenate(rows), None if differ else members)
             self._largest[name] = max(float(np.max(value)) for value in values)
         for name, stream in streams.items():
-            tables.setdefault(ti.u32, {})[name] = members.streams(stream), False
-        for dtype, of_type in tables.items():
-            share_field(self, of_type, dtype, members.row)
+            self._put(name, ti.u32, members.streams(stream), members)
+
+    def _put(self, name: str, dtype: Any, table: np.ndarray, members: Members | None) -> None:
+        """Store a table over the robots or, with `members`, over their groups as the parameter `name`."""
+        field = ti.filled(table, dtype)
+        setattr(self, name, field if members is None else OfGroup(field, members.row))
 
     def __getattr__(self, name: str) -> Field:
         raise AttributeError(name)

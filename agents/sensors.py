@@ -35,6 +35,7 @@ class Sensors:
 
     STATE: tuple[str, ...] = ("noses", "vanes")
 
+    @ti.shared_memory()
     def __init__(
         self,
         swarm: Swarm,

@@ -26,7 +26,6 @@ from taichi_plume.agents.odometry import Odometry, Reckoning
 from taichi_plume.agents.referee import Referee
 from taichi_plume.agents.room import Room
 from taichi_plume.agents.serial_loops import runs_serially
-from taichi_plume.agents.tables import share_field
 from taichi_plume.agents.trials import FAR, OwnClocks, Trials
 from taichi_plume.engine import ti
 from taichi_plume.engine.fields import Field
@@ -69,6 +68,7 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
     `ordered_position`, `ordered_heading`. Without `localization` the believed pose is the true one: the same fields.
     """
 
+    @ti.shared_memory()
     def __init__(
         self,
         groups: Sequence[Group],
@@ -109,7 +109,8 @@ class Swarm(OwnClocks, Referee, Reckoning, Flying):
             everything = self._each(lambda group: float(group.sensors.classifier is None))
             self.gas_share.from_numpy(everything.astype(np.float32))
         self._further = [getattr(self, column.name) for column in further]
-        share_field(self, {name: (self._each(value), True) for name, value in BODY.items()}, ti.f32)
+        for name, value in BODY.items():
+            setattr(self, name, ti.filled(self._each(value), ti.f32))
         self.places = any(group.algorithm.placed for group in groups)
         self.key, self.seed = ti.filled(seed, ti.u32), seed
         self.walker_count, self.source_count = len(walkers), len(sources)

@@ -11,6 +11,7 @@ from taichi_plume.agents.own_algorithm import OwnAlgorithm
 from taichi_plume.agents.policy import PolicyAlgorithm
 from taichi_plume.agents.replay import ReplayAlgorithm
 from taichi_plume.agents.swarm import Swarm
+from taichi_plume.engine import ti
 from taichi_plume.files.network import Network
 from taichi_plume.files.trajectories import Way
 
@@ -28,6 +29,7 @@ class Team:
 
     STATE: tuple[str, ...] = ("algorithm",)
 
+    @ti.shared_memory()
     def __init__(
         self,
         swarm: Swarm,

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from taichi_plume.engine.conditions import Values
-from taichi_plume.engine.fields import KINDS, ArrayField, filled
+from taichi_plume.engine.fields import KINDS, ArrayField, filled, own_memory
 from taichi_plume.engine.library import AnyArray, DataType, Expr, core, declared_array, impl, load, taichi
 
 
@@ -83,4 +83,5 @@ class Table:
     def compute(self, values: Values) -> ArrayField:
         """Return the array of the numbers for the values of a trace."""
         numbers = [compute(values) for compute in self.members]
-        return filled(np.array(numbers, KINDS[self.dtype]), self.dtype)
+        with own_memory():
+            return filled(np.array(numbers, KINDS[self.dtype]), self.dtype)

@@ -1,9 +1,11 @@
 """Steps from a part to what it holds, and conditions on what they find, by which a compiled kernel is chosen."""
 
 import enum
+import re
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -72,6 +74,20 @@ def code(function: Any) -> types.CodeType:
     return raw(getattr(function, "__func__", function)).__code__
 
 
+def name_in_source(functions: Iterable[Any]) -> str:
+    """Return an identifier of functions by their files and names, such as ``flow__net_inflow__ghosts__fill``.
+
+    Of more than three functions it has the first two and the number of the others.
+    """
+    codes = dict.fromkeys((Path(c.co_filename).stem, c.co_name) for c in map(code, functions))
+    files, words = [""], []
+    for file, function in list(codes)[: 3 if len(codes) == 3 else 2]:
+        words += [function] if file == files[-1] else [file, function]
+        files.append(file)
+    words += [f"{len(codes) - 2}_more"] if len(codes) > 3 else []
+    return re.sub(r"\W|^(?=\d)", "_", "__".join(word.strip("_") for word in words), flags=re.ASCII)
+
+
 def as_tuple(value: Any, _: Any) -> tuple:
     """Return the entries of a collection."""
     return tuple(value)
@@ -123,14 +139,14 @@ class WithKeys:
 
 
 class LikeField:
-    """Condition on the type of the numbers, the components and the number and order of axes of a field."""
+    """Condition on type, components, number and order of axes of a field, and whether the field shares memory."""
 
     def __init__(self, field: ArrayField):
         self.like = self._kind(field)
 
     @staticmethod
     def _kind(field: ArrayField) -> tuple:
-        return field.dtype, field.n, len(field.shape), field.layout.first_axis_contiguous
+        return field.dtype, field.n, len(field.shape), field.layout.first_axis_contiguous, field.block is None
 
     def __call__(self, value: Any) -> bool:
         return isinstance(value, ArrayField) and self._kind(value) == self.like

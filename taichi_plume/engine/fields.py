@@ -1,6 +1,8 @@
 """Fields: flat arrays of numbers or vectors, in NumPy's memory on a CPU and in the device's memory elsewhere."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import accumulate
 from math import prod
 from typing import Any, TypeAlias
 
@@ -33,6 +35,11 @@ def on_cpu() -> bool:
     return taichi.cfg.arch in (taichi.x64, taichi.arm64)
 
 
+def memory_is_shared() -> bool:
+    """Return whether `shared_memory` is shared; on a CPU all fields have their own memory."""
+    return not on_cpu()
+
+
 class Layout:
     """Shape of fields and the order of their axes in memory; fields with the same layout share index arithmetic."""
 
@@ -52,8 +59,12 @@ class ArrayField:
 
     Vectors lie side by side in memory or, over a layout with a contiguous first axis, their components lie apart, so
     that loops along this axis are vectorised. On the host ``values`` is an array with the field's shape, and a last
-    axis over the components of vectors: on a CPU the memory itself, elsewhere a copy.
+    axis over the components of vectors: on a CPU the memory itself, elsewhere a copy. In shared memory on a device, see
+    `shared_memory`, the field begins at entry `first` of the field `block`.
     """
+
+    block: "ArrayField | None" = None
+    first: int = 0
 
     def __init__(self, dtype: Any, layout: Layout, n: int = 0):
         self.dtype, self.layout, self.n = dtype, layout, n
@@ -63,9 +74,12 @@ class ArrayField:
         beside = n if not self.apart else 0  # components that lie side by side
         self._memory = (self._count + SLACK, beside) if beside else (self._count + SLACK,)
         self.flat: np.ndarray | None = None
-        if on_cpu():
+        waits = _waiting is not None and not layout.first_axis_contiguous and memory_is_shared()
+        if on_cpu() or waits:
             self.flat = np.zeros(self._memory, KINDS[dtype])[: self._count]
-        else:
+        if waits:
+            _waiting.append(self)
+        elif self.flat is None:
             length = self._memory[0]
             self._device = (
                 taichi.Vector.ndarray(n, dtype, length) if beside else taichi.ndarray(dtype, length)
@@ -73,6 +87,11 @@ class ArrayField:
             self._device.fill(0)
             self._program = impl.get_runtime().prog
             self._line = self._as_line()
+
+    def _move_to(self, block: "ArrayField", first: int) -> None:
+        """Leave the values to shared memory on a device, which has them."""
+        self.flat, self.block, self.first = None, block, first
+        self._line = self._as_line()
 
     def _as_line(self) -> "ArrayField":
         """Return the memory as a field with one axis, whose kernels fit fields of any shape."""
@@ -98,7 +117,16 @@ class ArrayField:
     @property
     def values(self) -> np.ndarray:
         """Values of the field: a view of its memory on a CPU, a copy elsewhere."""
-        return self._shaped(self.device.to_numpy()[: self._count] if self.flat is None else self.flat)
+        if self.flat is not None:
+            return self._shaped(self.flat)
+        if self.block is None:
+            return self._shaped(self.device.to_numpy()[: self._count])
+        from taichi_plume.engine.uploads import load  # which imports this module
+
+        flat = np.empty((self._count, *self._memory[1:]), KINDS[self.dtype])
+        load(self._line, flat)
+        taichi.sync()
+        return self._shaped(flat)
 
     def to_numpy(self) -> np.ndarray:
         """Return a copy of the values."""
@@ -111,10 +139,12 @@ class ArrayField:
             return
         flat = np.zeros(self._memory, KINDS[self.dtype])
         self._shaped(flat[: self._count])[...] = values
-        if self._count * max(1, self._line.n) <= FEW_NUMBERS and flat.itemsize >= 4:
-            from taichi_plume.engine.uploads import upload  # which imports this module
+        from taichi_plume.engine.uploads import store, upload  # which imports this module
 
+        if self._count * max(1, self._line.n) <= FEW_NUMBERS and flat.itemsize >= 4:
             upload(self._line, flat[: self._count])
+        elif self.block is not None:
+            store(self._line, flat[: self._count])
         else:
             self.device.from_numpy(flat)
 
@@ -122,15 +152,19 @@ class ArrayField:
         """Set all values to a number."""
         if self.flat is not None:
             self.flat[...] = value
+        elif self.block is not None:
+            self.from_numpy(value)
         else:
             self.device.fill(KINDS[self.dtype](value).item())
 
     def copy_from(self, other: "ArrayField") -> None:
         """Set the values to those of another field of the same kind and layout."""
-        if self.flat is None:
+        if self.flat is not None and other.flat is not None:
+            self.flat[...] = other.flat
+        elif self.flat is self.block is other.flat is other.block:
             self.device.copy_from(other.device)
         else:
-            self.flat[...] = other.flat
+            self.from_numpy(other.values)
 
     def __getitem__(self, index: Any) -> Any:
         value = self.values[() if index is None else index]
@@ -144,6 +178,56 @@ class ArrayField:
         values[index] = value
         if self.flat is None:
             self.from_numpy(values)
+
+
+_waiting: list[ArrayField] | None = None
+"""Fields in memory of the host that will share memory on a device; None outside of `shared_memory`."""
+
+
+@contextmanager
+def shared_memory() -> Iterator[None]:
+    """Context, or decorator of functions, in which new fields of a type share memory on a device.
+
+    Some devices give a kernel no more than 31 or 32 arrays, and each array costs time at each launch. Fields whose
+    first axis is contiguous have their own memory.
+    """
+    global _waiting
+    if _waiting is not None:  # in another such context
+        yield
+        return
+    _waiting = []
+    try:
+        yield
+        settle()
+    finally:
+        _waiting = None
+
+
+@contextmanager
+def own_memory() -> Iterator[None]:
+    """Context in which new fields have their own memory, also within `shared_memory`."""
+    global _waiting
+    before, _waiting = _waiting, None
+    try:
+        yield
+    finally:
+        _waiting = before
+
+
+def settle() -> None:
+    """Give the new fields of `shared_memory` their place on the device, before kernels use them."""
+    if not _waiting:
+        return
+    kinds: dict[Any, list[ArrayField]] = {}
+    for field in _waiting:
+        kinds.setdefault((field.dtype, field.n), []).append(field)
+    _waiting.clear()
+    for (dtype, n), fields in kinds.items():
+        flats = [flat for field in fields if (flat := field.flat) is not None]
+        with own_memory():
+            block = _filled(np.concatenate(flats), dtype, n)
+        for field, first in zip(fields, accumulate(map(len, flats), initial=0), strict=False):
+            field._move_to(block, first)
 
 
 Field: TypeAlias = Any

@@ -10,8 +10,8 @@ import numpy as np
 
 from taichi_plume.engine import device_loops, process, replacements  # noqa: F401  change how Taichi builds kernels
 from taichi_plume.engine.arguments import declare_array, setter_of
-from taichi_plume.engine.conditions import same
-from taichi_plume.engine.fields import KINDS, SLACK, on_cpu
+from taichi_plume.engine.conditions import name_in_source, same
+from taichi_plume.engine.fields import KINDS, SLACK, on_cpu, settle
 from taichi_plume.engine.library import (
     AutodiffMode,
     KernelSyntaxError,
@@ -49,9 +49,10 @@ _instances: dict[Any, list["Instance"]] = {}
 class Instance:
     """Compiled kernel with the conditions under which it may be used."""
 
-    def __init__(self, kernel: "Kernel", parts: Sequence[Any], arguments: Sequence[Any]):
+    def __init__(self, kernel: "Kernel", parts: Sequence[Any], arguments: Sequence[Any], name: str):
         global compiled
         compiled += 1
+        self.name = f"{name}_{compiled}"
         self.program = impl.get_runtime().prog
         self.trace = Trace(parts)
         self.arrays = kernel.kinds_of(arguments)
@@ -110,8 +111,7 @@ class Instance:
                 runtime.src_info_stack.clear()
                 end_kernel()
 
-        name = f"{function.__name__}_{compiled}"
-        return self.program.create_kernel(generate, name, AutodiffMode.NONE)
+        return self.program.create_kernel(generate, self.name, AutodiffMode.NONE)
 
     def values(self, parts: Sequence[Any]) -> list[Any] | None:
         """Return the values that the kernel reads from parts; None if a condition does not hold."""
@@ -236,9 +236,13 @@ class Kernel:
             if isinstance(kind, ndarray_type.NdarrayType)
         )
 
-    def bind(self, *parts: Any, arguments: Sequence[Any] = (), key: Any = None) -> Bound:
-        """Return the kernel with its parts, compiled if no instance fits."""
+    def bind(self, *parts: Any, arguments: Sequence[Any] = (), key: Any = None, name: str = "") -> Bound:
+        """Return the kernel with its parts, compiled if no instance fits.
+
+        name: of the kernel in profiles, by default that of its function and file.
+        """
         process.require_no_fork()
+        settle()
         if impl.get_runtime().prog is None:
             from taichi_plume.engine.program import start  # which imports this module
 
@@ -252,7 +256,7 @@ class Kernel:
                 return Bound(self, instance, values)
         if not arguments:
             arguments = [None] * len(self.scalars)
-        instance = Instance(self, parts, arguments)
+        instance = Instance(self, parts, arguments, name or name_in_source([self.function]))
         values = instance.values(parts)
         if values is None:
             raise AssertionError(f"conditions of {self.__name__} do not hold for its own parts")

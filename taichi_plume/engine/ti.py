@@ -7,7 +7,7 @@ if TYPE_CHECKING:
 
 from taichi_plume.engine.cells import along, cell, load_numbers, row  # noqa: F401
 from taichi_plume.engine.device_loops import barrier  # noqa: F401
-from taichi_plume.engine.fields import field, filled, filled_vectors, vector_field  # noqa: F401
+from taichi_plume.engine.fields import field, filled, filled_vectors, shared_memory, vector_field  # noqa: F401
 from taichi_plume.engine.kernels import kernel  # noqa: F401
 from taichi_plume.engine.library import func, taichi  # noqa: F401
 from taichi_plume.engine.replacements import static  # noqa: F401

@@ -154,7 +154,12 @@ class Trace:
         self.arguments["loaded", str(dtype)] = loaded.structure, loaded.compute, f"struct_{setter_of(dtype)}"
 
     def array(self, index: int, field: ArrayField) -> Any:
-        """Return the expression of an array argument for the field at a node."""
+        """Return the expression of an array argument for the field at a node, or for the memory it shares."""
+        if field.block is not None:
+            node, field = ("block", index), field.block
+            if node not in self.seen:
+                self.seen[node] = self.node(index, getattr, "block", field, LikeField(field))
+            index = self.seen[node]
         place = ("field", id(field))
         if place not in self.arguments:
             self.keep.append(field)
@@ -324,7 +329,10 @@ class View:
     def __getitem__(self, I: Any) -> Any:
         if self._field.apart:
             return Entries(self, I)
-        return impl.subscript(None, self.array(), self.place(I))
+        place = self.place(I)
+        if self._field.block is not None:
+            place = place + self._trace.wrap(self._index, getattr, "first", self._field.first)
+        return impl.subscript(None, self.array(), place)
 
     def array(self) -> AnyArray:
         """Return the argument for the field's memory."""

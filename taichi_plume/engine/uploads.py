@@ -1,4 +1,7 @@
-"""Upload of few numbers to a device, as arguments of a kernel: unlike an array, they reach a device without waiting."""
+"""Transfers between host and device: of few numbers, and of fields in shared memory.
+
+Few numbers are arguments of a kernel: unlike an array, they reach a device without waiting.
+"""
 
 import numpy as np
 
@@ -26,3 +29,25 @@ def _put(line: ti.template(), first: ti.i32, count: ti.i32, numbers: ti.types.ve
             else:
                 for c in ti.static(range(line.n)):
                     line[first + k][c] = numbers[k * line.n + c]
+
+
+@ti.kernel
+def store(line: ti.template(), values: ti.types.ndarray()):  # pyright: ignore
+    """Set a field over a line to `values`, (entries,) or (entries, n)."""
+    for k in range(line.shape[0]):
+        if ti.static(line.n == 0):
+            line[k] = values[k]
+        else:
+            for c in ti.static(range(line.n)):
+                line[k][c] = values[k, c]
+
+
+@ti.kernel
+def load(line: ti.template(), values: ti.types.ndarray()):  # pyright: ignore
+    """Set `values`, (entries,) or (entries, n), to a field over a line."""
+    for k in range(line.shape[0]):
+        if ti.static(line.n == 0):
+            values[k] = line[k]
+        else:
+            for c in ti.static(range(line.n)):
+                values[k, c] = line[k][c]

@@ -1,12 +1,12 @@
 """Passes over cells, and launches of several passes in a kernel."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, groupby
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from taichi_plume.engine import ti
-from taichi_plume.engine.conditions import code
+from taichi_plume.engine.conditions import code, name_in_source
 from taichi_plume.engine.fields import on_cpu
 from taichi_plume.engine.kernels import Kernel, data_flow_by_llvm
 
@@ -39,7 +39,7 @@ class Pass:
 
 class _Each:
     def __init__(self, at: Callable, count: int):
-        self.at, self.count = at, count
+        self.at, self.count, self.bodies = at, count, (at,)
 
     @ti.func
     def run(self, a, b):
@@ -54,7 +54,7 @@ def each(at: Callable, count: int) -> Pass:
 
 class _Together:
     def __init__(self, passes: Sequence[Pass]):
-        self.at = tuple(part.at for part in passes)
+        self.at = self.bodies = tuple(part.at for part in passes)
         self.ends = tuple(accumulate(part.cells for part in passes))
         self.begins = (0, *self.ends[:-1])
         self.cells = self.ends[-1]
@@ -105,10 +105,21 @@ def _launcher(passes: Sequence[Pass]) -> Callable[..., None]:
     def run(a: float = 0.0, b: float = 0.0) -> None:
         nonlocal bound
         if bound is None or not bound.usable:
-            bound = _execute.bind(parts, serial, key=tuple(code(part.run) for part in parts))
+            key = tuple(code(part.run) for part in parts)
+            name = name_in_source(body for part in parts for body in _bodies(part.run))
+            bound = _execute.bind(parts, serial, key=key, name=name)
         bound(a, b)
 
     return run
+
+
+def _bodies(function: Callable) -> Iterator[Callable]:
+    """Yield the functions that a loop executes per cell, the `bodies` of its object; any other function itself."""
+    bodies = getattr(getattr(function, "__self__", None), "bodies", None)
+    if bodies is None:
+        yield function
+    for body in bodies or ():
+        yield from _bodies(body)
 
 
 def long_kernel(function: Callable) -> Any:

@@ -61,7 +61,7 @@ def nth_cell(n, ranges: Template, like: Template):
 
 class _Sweep:
     def __init__(self, body: Callable, outs: Sequence[Field], ranges: Ranges, place: Callable, axis: int):
-        self.body, self.outs, self.place = body, tuple(outs), place
+        self.body, self.outs, self.place, self.bodies = body, tuple(outs), place, (body,)
         self.dim, self.count, self.cells = len(ranges), len(outs), prod(end - begin for begin, end in ranges)
         self.axis = axis if on_cpu() else 0
         self.begin, self.end = ranges[self.axis]
@@ -132,7 +132,7 @@ def sweep(
 class _FluxSweep:
     def __init__(self, fluxes: Sequence[Callable], body: Callable, out: Field, ranges: Ranges, exact: bool):
         self.fluxes, self.body, self.out, self.exact = tuple(fluxes), body, out, exact
-        self.ranges = tuple(ranges)
+        self.ranges, self.bodies = tuple(ranges), (body,)
         self.dim, self.cells = len(ranges), prod(end - begin for begin, end in ranges)
         (self.begin, self.end), (self.low, self.high) = ranges[:2]
         self.bottom, self.top = ranges[2] if self.dim == 3 else (0, 1)

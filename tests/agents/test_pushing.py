@@ -164,8 +164,7 @@ def test_pushes_are_the_same_to_the_bit_after_a_restart(pushed):
 def test_robots_put_from_outside_stay_and_count_the_time_inside(pushed):
     pushed.put([walker((0.5, 1.5), (3.0, 3.5, 1.5)), IDLE], ((1.5, 1.5), (3.0, 2.5)))
     places = np.array([*((1.5, 1.5), (3.0, 2.5)), *[(3.0, 0.2), (3.5, 0.2)] * 3], np.float32)
-    placed = pushed.swarm.placed
-    placed.table[slice(placed.first, (placed.first or 0) + placed.rows)] = 1.0
+    pushed.swarm.placed.fill(1.0)
     pushed.swarm.ordered_position.from_numpy(places)
     pushed.swarm.ordered_heading.fill(0.0)
     now = pushed.move(40)

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from robots import NOWHERE, Air, Floor, group
 
-from taichi_plume.agents import tables
 from taichi_plume.agents.sensors import Sensors
 from taichi_plume.agents.swarm import Swarm
-from taichi_plume.engine import ti
+from taichi_plume.engine import fields, ti
 from taichi_plume.engine.program import compiled
 from taichi_plume.grid.state import State
 from taichi_plume.scenario.metal_oxides import MOX_MODELS
@@ -164,7 +163,7 @@ def test_other_numbers_compile_nothing(lab):
 
 def test_a_measurement_takes_few_arrays_on_a_device(lab, monkeypatch):
     """Metal gives a kernel 31 at most; those of this test's air stand for gas and wind."""
-    monkeypatch.setattr(tables, "on_cpu", lambda: False)
+    monkeypatch.setattr(fields, "memory_is_shared", lambda: True)
     lab.fit(**each_model())
     lab.measure()
     launches = vars(lab.sensors)["_bound"].values()

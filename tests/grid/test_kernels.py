@@ -1,16 +1,23 @@
 """Kernels: launches, and the cache of compiled kernels on disk."""
 
 import os
+import re
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
+from types import FunctionType
 
 import pytest
 
 from taichi_plume.engine import program, ti
+from taichi_plume.engine.conditions import name_in_source
+from taichi_plume.engine.kernels import Instance
 from taichi_plume.engine.library import CACHE_LOCK, NAME, PREFIX
-from taichi_plume.grid.kernels import Pass, launch
+from taichi_plume.grid import kernels, sweeps
+from taichi_plume.grid.kernels import Pass, each, launch, together
+from taichi_plume.grid.sweeps import flux_sweep, sweep
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -32,6 +39,56 @@ def test_every_launch_takes_its_own_numbers_and_runs_the_passes_in_order():
     for numbers in ((1.5, -2.0), (), (3, 4)):
         run(*numbers)
     assert seen.to_numpy().tolist() == [[1.5, -2.0], [0.0, 0.0], [3.0, 4.0]]
+
+
+@ti.func
+def _add(out: ti.template(), n, a, b):
+    out[n] = a + b
+
+
+@ti.func
+def _twice(I, a, b):
+    return 2.0 * a + I[0]
+
+
+@pytest.fixture
+def named(monkeypatch):
+    """Names of the kernels that are compiled in a test, without their numbers."""
+    names, traced = [], Instance._traced
+
+    def trace(instance, *arguments):
+        names.append(instance.name.rpartition("_")[0])
+        return traced(instance, *arguments)
+
+    monkeypatch.setattr(Instance, "_traced", trace)
+    return names
+
+
+@pytest.mark.parametrize("device", [False, True])
+def test_kernels_of_passes_have_the_names_of_what_they_do_per_cell(device, named, monkeypatch):
+    if device:  # passes that do not depend on each other are one loop there
+        monkeypatch.setattr(kernels, "on_cpu", lambda: False)
+        monkeypatch.setattr(sweeps, "on_cpu", lambda: False)
+    out, other = (ti.field(ti.f32, 8) for _ in range(2))
+    inflow = flux_sweep([partial(_add, out)] * 2, _twice, out, [(0, 8)] * 2)
+    passes = [each(partial(_add, out), 8), sweep(_twice, other, [(0, 8)])]
+    launch(*together(passes))(1.0, 2.0)
+    assert named == ["test_kernels__add__twice"]
+    assert out.to_numpy().tolist() == [3.0] * 8
+    assert other.to_numpy().tolist() == [2.0 + n for n in range(8)]
+    assert list(kernels._bodies(inflow.run)) == [_twice]
+
+
+def test_names_of_kernels_are_short_and_identifiers():
+    def named(*places):
+        functions = [(lambda: 0).__code__.replace(co_filename=file, co_name=name) for file, name in places]
+        return name_in_source(FunctionType(function, {}) for function in functions)
+
+    assert named(("/a/flow.py", "net_inflow")) == "flow__net_inflow"
+    assert named(*[("/a/ghosts.py", "_fill"), ("/a/flow.py", "slow")] * 3) == "ghosts__fill__flow__slow"
+    assert named(*(("flow.py", f"f{n}") for n in range(3))) == "flow__f0__f1__f2"
+    assert named(*(("flow.py", f"f{n}") for n in range(9))) == "flow__f0__f1__7_more"
+    assert re.fullmatch("_2_plumes__+lambda_", named(("/a/2-plumes é.py", "<lambda>")))
 
 
 def test_a_device_that_there_is_not_is_reported_before_anything_starts():
@@ -95,7 +152,7 @@ def test_a_lock_that_a_killed_process_left_goes(no_cache_variables, tmp_path):
 KERNEL = """
 import taichi_plume
 from taichi_plume.engine import program
-from taichi_plume.grid import kernels
+from taichi_plume.grid import kernels, sweeps
 program.start()
 from taichi_plume.engine import ti
 field = ti.field(ti.i32, 2)

@@ -205,7 +205,9 @@ def measure(args: argparse.Namespace, results: dict[str, Figures]) -> None:
 def _lines(name: str, figures: Figures, took: float) -> list[str]:
     """Return the lines of a row for the terminal: its figures, and those of its kernels or tests."""
     lines = [f"{name:20} {took:4.0f} s  {_text(figures)}"]
-    lines += [f"    {kernel:30} {_text(values)}" for kernel, values in figures.get("kernels", {}).items()]
+    kernels = figures.get("kernels", {})
+    width = max(map(len, kernels), default=0)
+    lines += [f"    {kernel:{width}} {_text(values)}" for kernel, values in kernels.items()]
     return lines + [f"    {test}" for test in figures.get("failed", [])]
 
 

@@ -61,6 +61,10 @@ class Count:
         self._kept: list[Any] = []  # kernels and their code, whose ids are looked up
         self._names: dict[int, str] = {}
         self._tasks: dict[int, int] = {}
+        self._recorded: dict[
+            str, str
+        ] = {}  # names by those in records, which are from whoever filled the cache
+        self._launched: set[int] = set()
         self.clear()
 
     def clear(self) -> None:
@@ -85,7 +89,8 @@ class Count:
             self.program.sync_kernel_profiler()
             self.program.update_kernel_profiler()
             for record in self.program.get_kernel_profiler_records():
-                entry = self.by_kernel.setdefault(record.name.split("_kernel_")[0], [0, 0, 0.0])
+                name = self._recorded.get(recorded := _recorded_kernel(record), recorded)
+                entry = self.by_kernel.setdefault(name, [0, 0, 0.0])
                 entry[1:] = entry[1] + 1, entry[2] + record.kernel_time
 
     def _wait(self) -> None:
@@ -99,6 +104,12 @@ class Count:
         entry[:2] = entry[0] + 1, entry[1] + self._tasks.get(id(code), 0)
         self.launches += 1
         result = plain(program, code, context)
+        if self.profiles and id(code) not in self._launched:
+            self._launched.add(id(code))
+            program.sync_kernel_profiler()
+            program.update_kernel_profiler()
+            if records := program.get_kernel_profiler_records():
+                self._recorded[_recorded_kernel(records[-1])] = self._names.get(id(code), "?")
         self._running = True
         if self._passed:
             self.arrays += self._passed
@@ -153,11 +164,16 @@ class Count:
             for line in printed:
                 tasks = 0 if line.startswith(b"kernel {") else tasks + bool(_OFFLOADED.match(line))
         self._kept.append(code)
-        self._names[id(code)] = self._names.get(id(kernel), "?")
+        self._names.setdefault(id(code), self._names.get(id(kernel), "?"))
         self._tasks.setdefault(
             id(code), tasks
         )  # the engine returns code that it has in memory without printing it
         return code
+
+
+def _recorded_kernel(record: Any) -> str:
+    """Return the name of the kernel of a record, without number and name of the task."""
+    return record.name.rsplit("_kernel_", 1)[0]
 
 
 _OFFLOADED = re.compile(rb"\s*\$\d+ = offloaded")
