@@ -45,9 +45,7 @@ class Odometry:
             numbers[group.slice] = group.first + np.arange(group.size)
             streams[group.slice] = stream_id(f"group {group.number}/odometry")
         self.errs = ti.filled(errs, ti.i32)
-        self.number = ti.filled(
-            numbers, ti.i32
-        )  # number of the robot in its group, among all possible trials
+        self.number = ti.filled(numbers, ti.i32)  # of the robot in its group, among all possible trials
         self.stream = ti.filled(streams, ti.u32)
         self.kept = ti.filled_vectors(errors)  # a, b [1], c [rad/m]
         self.variances = ti.filled_vectors(variances)  # k1 [rad], k2 [rad²/m], k3 [m], k4 [m²/rad]
