@@ -5,7 +5,7 @@ from robots import room, team
 
 from taichi_plume.agents.algorithm_table import ALGORITHMS
 from taichi_plume.assembly.assemble import assemble
-from taichi_plume.engine import fields, kernels
+from taichi_plume.engine import fields, kernels, uploads
 from taichi_plume.scenario.loading import scenario_from
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -31,6 +31,7 @@ def counts(monkeypatch):
     monkeypatch.setattr(kernels, "_instances", {})
     monkeypatch.setattr(kernels.Bound, "__init__", note)
     monkeypatch.setattr(kernels.Bound, "__call__", lambda bound, *arguments: 0 if bound.returns else None)
+    monkeypatch.setattr(uploads, "load", lambda line, values: values.fill(1))
     return counted
 
 

@@ -177,6 +177,6 @@ def test_kernels_that_a_process_compiled_are_stored_at_its_end(tmp_path):
     stored = []
     for _ in range(2):
         subprocess.run(command, env=os.environ | {FOLDER: str(tmp_path)}, check=True)
-        stored.append({file.name: file.stat().st_mtime_ns for file in tmp_path.glob("*.tic")})
+        stored.append({file.name: file.stat().st_mtime_ns for file in tmp_path.rglob("T*.*c")})
     assert stored[0]
     assert stored[1] == stored[0]
