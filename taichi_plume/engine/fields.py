@@ -161,7 +161,7 @@ class ArrayField:
         """Set the values to those of another field of the same kind and layout."""
         if self.flat is not None and other.flat is not None:
             self.flat[...] = other.flat
-        elif self.flat is self.block is other.flat is other.block:
+        elif all(field.flat is None and field.block is None for field in (self, other)):
             self.device.copy_from(other.device)
         else:
             self.from_numpy(other.values)
@@ -223,7 +223,7 @@ def settle() -> None:
         kinds.setdefault((field.dtype, field.n), []).append(field)
     _waiting.clear()
     for (dtype, n), fields in kinds.items():
-        flats = [flat for field in fields if (flat := field.flat) is not None]
+        flats: list[Any] = [field.flat for field in fields]
         with own_memory():
             block = _filled(np.concatenate(flats), dtype, n)
         for field, first in zip(fields, accumulate(map(len, flats), initial=0), strict=False):
