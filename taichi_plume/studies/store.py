@@ -149,9 +149,10 @@ class Store:
         """Delete the files by which shards agree, and put their logs together."""
         names = locks(self.folder)
         logs = [log for name in names if (log := self.folder / log_of(name)).is_file()]
-        if logs:
+        filled = [log for log in logs if log.stat().st_size]
+        if filled:
             with disk.written_whole(self.folder / LOG) as fresh, fresh.open("wb") as whole:
-                for log in filter(Path.is_file, [self.folder / LOG, *logs]):
+                for log in filter(Path.is_file, [self.folder / LOG, *filled]):
                     with open_regular(log) as part:
                         shutil.copyfileobj(part, whole)
         for file in [*logs, *(self.folder / name for name in names), self.folder / SHARDS]:

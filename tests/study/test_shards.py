@@ -26,7 +26,17 @@ from taichi_plume.studies import air_plan, tables
 from taichi_plume.studies import store as store_module
 from taichi_plume.studies.job_queue import JobQueue
 from taichi_plume.studies.messages import AirRecord, Cost, Record
-from taichi_plume.studies.shards import STALE_S, Claims, Heart, Shard, locks, parts_of, shard_of
+from taichi_plume.studies.shards import (
+    LOG,
+    STALE_S,
+    Claims,
+    Heart,
+    Shard,
+    locks,
+    log_of,
+    parts_of,
+    shard_of,
+)
 from taichi_plume.studies.store import Store, StoreError
 from taichi_plume.studies.study_run import Settings, execute, publish
 
@@ -326,6 +336,19 @@ def test_a_failed_air_is_forgotten_while_another_shard_reads(tmp_path, plan, mon
         monkeypatch.setattr(store_module, "read_regular", read)
         store.forget_failures({"0000"})
         assert store.failure("0000") == ""
+
+
+@pytest.mark.parametrize("texts", [("", ""), ("", "a\n"), ("a\n", "b\n")])
+def test_logs_of_killed_shards_are_put_together_unless_empty(tmp_path, plan, texts):
+    out, made = tmp_path / "out", plan(10, 1)
+    for k, text in enumerate(texts, 1):
+        begun(out, made, Shard(k, 2)).close()
+        (out / log_of(Shard(k, 2).lock)).write_text(text)
+    with Store(out) as store:
+        store.begin(made)  # the study without shards
+    assert (out / LOG).exists() == any(texts)
+    assert not any(texts) or (out / LOG).read_text() == "".join(texts)
+    assert not list(out.glob("workers.*-of-*"))
 
 
 # ---------------------------------------------------------------- campaigns
